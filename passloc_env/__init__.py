@@ -1,0 +1,1 @@
+"""passloc environments: an observer manoeuvres to localise a moving emitter that it can only hear."""

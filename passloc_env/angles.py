@@ -1,0 +1,40 @@
+"""Angles and the bearing convention.
+
+Bearings, headings and courses are compass angles: radians, clockwise from north (+y), so that
+``bearing = atan2(x, y)`` and the unit vector towards it is ``(sin, cos)``. Rates follow: positive turns to starboard.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from passloc_env.arrays import Array
+
+TURN = 2.0 * math.pi
+
+
+def wrap(angle: Any) -> Any:
+    """The same angle in ``[-π, π]``; any shape, radians."""
+    return angle - TURN * np.rint(angle * (1.0 / TURN))
+
+
+def wrap_in_place(angle: Array) -> None:
+    """Wrap ``angle`` to ``[-π, π]`` where it stands, with the formula of :func:`wrap`."""
+    turns = angle * (1.0 / TURN)
+    np.rint(turns, out=turns)
+    turns *= TURN
+    angle -= turns
+
+
+def bearing_of(vector: Array) -> Array:
+    """Compass bearing of a vector whose first two rows are east and north; ``(d, …, N)`` to ``(…, N)``."""
+    bearing: Array = np.arctan2(vector[0], vector[1])
+    return bearing
+
+
+def direction(bearing: Any) -> Array:
+    """Unit vector ``(2, …, N)`` towards a compass bearing."""
+    return np.stack([np.sin(bearing), np.cos(bearing)])

@@ -1,0 +1,92 @@
+"""A motion made ready to be run: matrices built once for one layout and one period."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from passloc_env.arrays import Array
+from passloc_env.layout import StateLayout
+from passloc_env.linalg import LinearMap, row_gram
+from passloc_env.motion import LinearMotion, Motion
+from passloc_env.nuisance import Nuisance
+
+
+class Dynamics:
+    """The step of a motion, with nuisance states that walk randomly beside it.
+
+    Args:
+        motion: a realised motion (numbers or arrays ``(N,)``, no distributions).
+        layout: the state it runs on: the motion's own rows, then nuisances.
+        period: seconds per step.
+        nuisances: the nuisance states of the layout.
+        dense: matrices differ between environments in ways their zeros do not show.
+
+    Raises:
+        TypeError: from :meth:`covariance` when the motion is not linear.
+    """
+
+    def __init__(
+        self,
+        motion: Motion,
+        layout: StateLayout,
+        period: float,
+        nuisances: tuple[Nuisance, ...] = (),
+        dense: bool = False,
+    ) -> None:
+        self.motion, self.layout, self.period = motion, layout, period
+        self._map: LinearMap | None = None
+        self._input: Array | None = None
+        if isinstance(motion, LinearMotion):
+            self._map = LinearMap(motion.transition(layout, period), dense=dense)
+            self._input = motion.known_input(layout, period)
+        gain = _with_walks(motion.noise_gain(layout, period), layout, nuisances)
+        self.noise_size = gain.shape[1]
+        self._drive = LinearMap(gain, dense=dense)
+        self.process_noise = row_gram(gain)
+        self._noisy = bool(self.process_noise.any())
+
+    @property
+    def linear(self) -> bool:
+        """Whether the motion has a transition matrix."""
+        return self._map is not None
+
+    @property
+    def transition(self) -> LinearMap:
+        """The transition matrix ``F``, ready to be applied; TypeError when the motion has none."""
+        if self._map is None:
+            raise TypeError(f"{type(self.motion).__name__} is not linear: it has no transition matrix")
+        return self._map
+
+    def mean(self, state: Array, time: Array) -> Array:
+        """The noise-free state ``(n, …, N)`` one period after ``time (N,)``; a new array."""
+        if self._map is None:
+            return self.motion.propagate(state, self.layout, self.period, time)
+        moved = self._map(state)
+        if self._input is not None:
+            moved += self._input.reshape(len(moved), *(1,) * (moved.ndim - 2), -1)
+        return moved
+
+    def covariance(self, covariance: Array) -> Array:
+        """``F P Fᵀ + Q`` for ``(n, n, N)``; a new array."""
+        spread = self.transition.congruence(covariance)
+        if self._noisy:
+            spread += self.process_noise
+        return spread
+
+    def disturb(self, state: Array, normals: Array) -> None:
+        """Add process noise to ``state (n, N)`` in place, from standard normals ``(w, N)``."""
+        if self.noise_size:
+            state += self._drive(normals)
+
+
+def _with_walks(gain: Array, layout: StateLayout, nuisances: tuple[Nuisance, ...]) -> Array:
+    """The noise gain with one column per walking nuisance appended."""
+    columns = [gain]
+    for nuisance in nuisances:
+        if isinstance(nuisance.walk, float) and nuisance.walk == 0.0:
+            continue
+        column = np.zeros((layout.size, 1, np.size(nuisance.walk)))
+        column[layout.nuisance_row(nuisance.name), 0] = nuisance.walk
+        columns.append(column)
+    batch = max(column.shape[-1] for column in columns)
+    return np.concatenate([np.broadcast_to(c, (*c.shape[:2], batch)) for c in columns], axis=1)

@@ -1,0 +1,40 @@
+"""Errors that help: one line with the field, the value, what is allowed and the closest valid name."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class ScenarioError(ValueError):
+    """A scenario says something impossible.
+
+    Attributes:
+        field: dotted name of the offending field, e.g. ``sensors.0.sigma``.
+        value: the value that was given.
+        allowed: what would have been accepted, in words.
+    """
+
+    def __init__(self, field: str, value: object, allowed: str) -> None:
+        self.field, self.value, self.allowed = field, value, allowed
+        super().__init__(f"{field} = {value!r} is not possible: {allowed}")
+
+    def inside(self, prefix: str) -> ScenarioError:
+        """The same error seen from the enclosing component."""
+        return ScenarioError(f"{prefix}.{self.field}" if self.field else prefix, self.value, self.allowed)
+
+
+def unknown_name(field: str, name: object, valid: Iterable[str], noun: str) -> ScenarioError:
+    """The error for a name that does not exist, with the closest one that does."""
+    valid = sorted(valid)
+    close = difflib.get_close_matches(str(name), valid, n=1, cutoff=0.5)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return ScenarioError(field, name, f"no such {noun}; {hint}known: {', '.join(valid)}")
+
+
+class ActionError(ValueError):
+    """An action that cannot be flown; nothing has changed when it is raised."""
+
+
+class NotResetError(RuntimeError):
+    """A step was asked for before the first reset."""

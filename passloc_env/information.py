@@ -1,0 +1,77 @@
+"""Fisher information along the true geometry: the posterior Cramér–Rao bound and the Gram gain.
+
+The posterior information recursion ``J ← (Q + F J⁻¹ Fᵀ)⁻¹ + Hᵀ R⁻¹ H`` (Tichavský, Muravchik & Nehorai 1998, for
+linear motion) is carried in covariance form, ``C = J⁻¹``. A second copy without process noise carries the
+observability Gramian in Fisher units: with ``C' = (G + P₀⁻¹)⁻¹`` mapped to the present, the determinant lemma gives
+
+    ln det(G_k + P₀⁻¹) − ln det(G_{k−1} + P₀⁻¹) = ln det(I + R^{-1/2} H C' Hᵀ R^{-1/2}),
+
+so the Gram gain falls out of the same update. Without process noise both are one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.dynamics import Dynamics
+from passloc_env.linalg import cholesky, diagonal, log_determinant, matmul, matvec, inner, row_gram, solve_lower, transpose
+
+_SMALLEST_VARIANCE = 1e-12
+
+
+class Information:
+    """The bound and the Gram gain of a batch, updated in place.
+
+    Attributes:
+        covariance: ``(n, n, k, N)``; ``[:, :, 0]`` is the posterior Cramér–Rao bound, ``[:, :, -1]`` the noise-free one.
+        gram_gain: gain of the last measurement in ``ln det(G + P₀⁻¹)``, ``(N,)``.
+    """
+
+    def __init__(self, dynamics: Dynamics, environments: int) -> None:
+        self.dynamics = dynamics
+        n = dynamics.layout.size
+        copies = 2 if dynamics.noise_size else 1
+        self.covariance: Array = np.zeros((n, n, copies, environments))
+        self.gram_gain: Array = np.zeros(environments)
+
+    @property
+    def bound(self) -> Array:
+        """The posterior Cramér–Rao bound on the state covariance ``(n, n, N)``, a view."""
+        return self.covariance[:, :, 0]
+
+    def start(self, columns: IntArray, prior: Array) -> None:
+        """Begin anew in the given environments from the prior covariance at the truth ``(n, n, k)``."""
+        self.covariance[..., columns] = prior[:, :, None]
+        self.gram_gain[columns] = 0.0
+
+    def advance(self) -> None:
+        """``C ← F C Fᵀ + Q``, the noise-free copy without Q."""
+        self.covariance[...] = self.dynamics.transition.congruence(self.covariance)
+        if self.dynamics.noise_size:
+            self.covariance[:, :, 0] += self.dynamics.process_noise
+
+    def absorb(self, jacobian: Array, noise_covariance: Array, detected: BoolArray | None = None) -> None:
+        """Add ``Hᵀ R⁻¹ H`` of a measurement, ``H (m, n, N)``, ``R (m, m, 1|N)``; undetected rows add nothing."""
+        if detected is not None:
+            jacobian = jacobian * detected[:, None]
+        rows = jacobian[:, :, None]
+        spread = matmul(rows, self.covariance)
+        predicted = matmul(spread, transpose(rows))
+        variances = diagonal(predicted)
+        np.maximum(variances, 0.0, out=variances)
+        predicted += noise_covariance[:, :, None]
+        lower = cholesky(predicted).lower
+        gain = log_determinant(lower)[-1] - log_determinant(cholesky(noise_covariance).lower)
+        self.gram_gain[...] = gain
+        self.covariance -= row_gram(transpose(solve_lower(lower, spread)))
+
+    def state_arrays(self) -> dict[str, np.ndarray]:
+        """Everything that makes up its state, by name, batch axis last."""
+        return {"covariance": self.covariance, "gram_gain": self.gram_gain}
+
+
+def sigma_along(covariance: Array, axis: Array) -> Array:
+    """Standard deviation ``(N,)`` along a unit vector ``(d, N)`` under a covariance ``(d, d, N)``."""
+    variance = inner(axis, matvec(covariance, axis))
+    return np.sqrt(np.maximum(variance, _SMALLEST_VARIANCE))

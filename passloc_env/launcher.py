@@ -1,0 +1,34 @@
+"""Entry point of the ``passloc`` command: the usual faults of an installation become one line each."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import NoReturn
+
+from passloc_env.shadowing import explain, shadowed
+
+TRAIN_MODULES = frozenset(
+    {"rich", "safetensors", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro"}
+)
+"""Import names of what the ``train`` extra installs."""
+
+
+def main() -> NoReturn:
+    """Runs the command line and exits with its status, or with 2 when the installation cannot run it."""
+    for name in ("agents", "training"):
+        if path := shadowed(name):
+            _refuse(explain(name, path))
+    try:
+        status = importlib.import_module("training.cli").main()
+    except ModuleNotFoundError as error:
+        # Only a library that is absent as a whole means a missing extra; anything else is a bug to be seen.
+        if error.name not in TRAIN_MODULES:
+            raise
+        _refuse("passloc: the command line needs the 'train' extra: pip install 'passloc[train]'")
+    sys.exit(status)
+
+
+def _refuse(message: str) -> NoReturn:
+    print(message, file=sys.stderr)
+    sys.exit(2)

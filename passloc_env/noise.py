@@ -1,0 +1,93 @@
+"""The random numbers of an episode, drawn once at reset.
+
+Each environment has a generator of its own. A reset takes a block of keys from it and draws everything else from streams
+under those keys, one per kind of noise, in fixed order and size. So neither the batch around an environment, nor another kind of
+noise being switched on, nor the length of earlier episodes ever changes what it meets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passloc_env.arrays import Array, IntArray
+
+_KINDS = 4
+_BEGINNING, _MEASUREMENT, _PROCESS, _DETECTION = range(_KINDS)
+
+
+@dataclass(frozen=True)
+class NoiseSizes:
+    """How many numbers an episode needs.
+
+    Attributes:
+        uniforms: for the scenario's quantities.
+        normals: for the prior and the true nuisance states.
+        steps: sensor steps.
+        measurement: scalars per measurement.
+        process: process noises per step.
+        detection: sensors that may miss; 0 when none does.
+    """
+
+    uniforms: int
+    normals: int
+    steps: int
+    measurement: int
+    process: int
+    detection: int
+
+
+class EpisodeNoise:
+    """The noise of a batch of episodes. Row ``k`` of the measurement noise belongs to time ``k`` (0: the first look)."""
+
+    def __init__(self, sizes: NoiseSizes, environments: int) -> None:
+        self._sizes = sizes
+        self.uniforms: Array = np.zeros((sizes.uniforms, environments))
+        self.normals: Array = np.zeros((sizes.normals, environments))
+        self._measurement: Array = np.zeros((environments, sizes.steps + 1, sizes.measurement))
+        self._process: Array = np.zeros((environments, sizes.steps, sizes.process))
+        self._detection: Array = np.zeros((environments, sizes.steps + 1, sizes.detection))
+        self._rows = np.arange(environments)
+        self._bits = np.random.PCG64(0)
+        self._generator = np.random.Generator(self._bits)
+
+    def draw(self, column: int, generator: np.random.Generator) -> None:
+        """Draw a whole episode for one environment; takes one block of 16 words from its generator."""
+        keys = generator.integers(2**64, size=(_KINDS, 4), dtype=np.uint64).tolist()
+        beginning = self._stream(keys[_BEGINNING])
+        self.uniforms[:, column] = beginning.random(len(self.uniforms))
+        self.normals[:, column] = beginning.standard_normal(len(self.normals))
+        self._stream(keys[_MEASUREMENT]).standard_normal(out=self._measurement[column])
+        if self._sizes.process:
+            self._stream(keys[_PROCESS]).standard_normal(out=self._process[column])
+        if self._sizes.detection:
+            self._stream(keys[_DETECTION]).random(out=self._detection[column])
+
+    def _stream(self, key: list[int]) -> np.random.Generator:
+        """The stream of a key of four words: one generator, set anew, for building one costs more than its draws."""
+        state = {"state": key[0] << 64 | key[1], "inc": key[2] << 64 | key[3] | 1}
+        self._bits.state = {"bit_generator": "PCG64", "state": state, "has_uint32": 0, "uinteger": 0}
+        return self._generator
+
+    def measurement(self, step: IntArray) -> Array:
+        """Standard normals ``(m, N)`` of the measurement at step ``(N,)``."""
+        return self._measurement[self._rows, step].T
+
+    def process(self, step: IntArray) -> Array:
+        """Standard normals ``(w, N)`` that disturb the emitter from step ``(N,)`` to the next."""
+        return self._process[self._rows, step].T
+
+    def detection(self, step: IntArray) -> Array:
+        """Standard uniforms ``(s, N)`` that decide what is detected at step ``(N,)``."""
+        return self._detection[self._rows, step].T
+
+    def state_arrays(self) -> dict[str, np.ndarray]:
+        """All numbers, by kind, batch axis last."""
+        return {
+            "uniforms": self.uniforms,
+            "normals": self.normals,
+            "measurement": np.moveaxis(self._measurement, 0, -1),
+            "process": np.moveaxis(self._process, 0, -1),
+            "detection": np.moveaxis(self._detection, 0, -1),
+        }

@@ -1,0 +1,18 @@
+"""States that matter only because a measurement or a motion depends on them: an unknown carrier, a bias, a turn rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from passloc_env.arrays import Number
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """A further state, unknown beforehand, constant or slowly walking. Whoever names the same nuisance shares it."""
+
+    name: str
+    sigma: Number
+    """Prior standard deviation; the prior mean is zero."""
+    walk: Number = 0.0
+    """Random-walk standard deviation per step."""

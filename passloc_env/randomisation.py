@@ -1,0 +1,70 @@
+"""Domain randomisation: scenario quantities given as distributions, sampled per environment at reset."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+
+from passloc_env.arrays import Array, IntArray
+from passloc_env.component import Component, specs
+from passloc_env.distributions import Distribution
+from passloc_env.fields import Part, Parts, Quantity, Vector
+
+_MODEL_FIELDS = ("sensors", "tracker", "bound", "target.motion")
+"""Parts of a scenario from which matrices are built ahead of time."""
+
+
+class Randomisation:
+    """A scenario whose distributions have become arrays ``(N,)``, refilled in place at every reset.
+
+    Every quantity of the scenario, random or not, owns one uniform draw per episode, so that making one of them random
+    never shifts the numbers of another.
+
+    Attributes:
+        realised: the component with arrays in place of distributions.
+        size: uniform draws per episode.
+        touches_models: whether any number that matrices are built from is random.
+    """
+
+    def __init__(self, component: Component, environments: int) -> None:
+        self._environments = environments
+        self._slots: list[tuple[int, Distribution, Array]] = []
+        self.size = 0
+        self.touches_models = False
+        self.realised = self._realise(component, "")
+
+    def sample(self, columns: IntArray, uniforms: Array) -> None:
+        """Draw new numbers for the given environments from standard uniforms ``(size, k)``."""
+        for index, distribution, values in self._slots:
+            values[columns] = distribution.sample(uniforms[index])
+
+    def state_arrays(self) -> dict[str, np.ndarray]:
+        """The numbers in force, by slot."""
+        return {str(index): values for index, _, values in self._slots}
+
+    def _realise(self, component: Component, path: str) -> Any:
+        realised = copy.copy(component)
+        for name, spec in specs(type(component)).items():
+            value, where = getattr(component, name), f"{path}{name}"
+            if isinstance(spec, Quantity):
+                value = self._slot(value, where)
+            elif isinstance(spec, Vector):
+                value = tuple(self._slot(item, where) for item in value)
+            elif isinstance(spec, Part):
+                value = self._realise(value, f"{where}.")
+            elif isinstance(spec, Parts):
+                value = tuple(self._realise(item, f"{where}.") for item in value)
+            object.__setattr__(realised, name, value)
+        return realised
+
+    def _slot(self, value: Any, where: str) -> Any:
+        index = self.size
+        self.size += 1
+        if not isinstance(value, Distribution):
+            return value
+        values = np.full(self._environments, value.support[1])
+        self._slots.append((index, value, values))
+        self.touches_models |= where.startswith(_MODEL_FIELDS)
+        return values

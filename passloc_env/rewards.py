@@ -1,0 +1,167 @@
+"""Named reward terms, each evaluated after every sensor step on the true geometry.
+
+``log det P`` of the tracker alone would reward an overconfident filter, so information and error are always those of
+the truth. A decision's reward is the mean over its sensor steps of ``Σ weight · term``; ``info["reward_terms"]`` carries
+each unweighted mean by name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from passloc_env.arrays import Array
+from passloc_env.component import Component
+from passloc_env.fields import abstract, quantity
+from passloc_env.information import Information, sigma_along
+from passloc_env.layout import StateLayout
+from passloc_env.metrics import log_range_bound, relative_range_error
+from passloc_env.platforms import Pose
+
+
+class Outcome:
+    """What one sensor step came to, for rewards, metrics and diagnostics; every quantity is computed on first use.
+
+    Attributes:
+        truth: true state ``(n, N)`` in ``truth_layout``.
+        mean, covariance: the tracker's belief in ``layout``.
+        pose: true pose of the own ship.
+        action: the action in force ``(a, N)``.
+    """
+
+    def __init__(
+        self,
+        truth: Array,
+        truth_layout: StateLayout,
+        mean: Array,
+        covariance: Array,
+        layout: StateLayout,
+        pose: Pose,
+        information: Information,
+        action: Array,
+        min_range: float,
+    ) -> None:
+        self.truth, self.truth_layout = truth, truth_layout
+        self.mean, self.covariance, self.layout = mean, covariance, layout
+        self.pose, self.information, self.action, self.min_range = pose, information, action, min_range
+
+    @cached_property
+    def offset(self) -> Array:
+        """True position relative to the own ship ``(d, N)``, m."""
+        return self.truth[self.truth_layout.position] - self.pose.position
+
+    @cached_property
+    def range(self) -> Array:
+        """True range ``(N,)``, m."""
+        return np.maximum(np.sqrt((self.offset * self.offset).sum(axis=0)), 1e-3)
+
+    @cached_property
+    def range_sigma(self) -> Array:
+        """Posterior Cramér–Rao bound on the range, ``√(uᵀ C u)`` along the true line of sight ``(N,)``, m."""
+        position = self.information.dynamics.layout.position
+        return sigma_along(self.information.bound[position, position], self.offset / self.range)
+
+    @cached_property
+    def log_range_bound(self) -> Array:
+        """``ln(σ_r / r)``, ``(N,)``."""
+        return log_range_bound(self.range_sigma, self.range)
+
+    @cached_property
+    def position_error(self) -> Array:
+        """Estimated minus true position ``(d, N)``, m."""
+        return self.mean[self.layout.position] - self.truth[self.truth_layout.position]
+
+    @cached_property
+    def relative_range_error(self) -> Array:
+        """Position error over true range ``(N,)`` (paper 000, eq. 26)."""
+        return relative_range_error(self.position_error, self.range)
+
+    @cached_property
+    def violated(self) -> Array:
+        """Whether the true range is below ``min_range`` ``(N,)``."""
+        return self.range < self.min_range
+
+
+@abstract
+class RewardTerm(Component):
+    """Base of reward terms; ``name`` is its key in ``info["reward_terms"]``."""
+
+    name: str = ""
+    weight: float
+
+    def score(self, outcome: Outcome) -> Array:
+        """The unweighted term ``(N,)`` after one sensor step; larger is better."""
+        raise AssertionError(f"{type(self).__name__} must define score")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeBound(RewardTerm):
+    """``−ln(σ_r / r)``: how well the range could be known, given the path flown."""
+
+    name = "range_bound"
+    weight: float = quantity("weight", 1.0)
+
+    def score(self, outcome: Outcome) -> Array:
+        """Minus the log range bound."""
+        return -outcome.log_range_bound
+
+
+@dataclass(frozen=True, kw_only=True)
+class GramGain(RewardTerm):
+    """Observability gained: ``ln det(G_k + P₀⁻¹) − ln det(G_{k−1} + P₀⁻¹)``, G the Gramian in Fisher units."""
+
+    name = "gram_gain"
+    weight: float = quantity("weight", 0.05)
+
+    def score(self, outcome: Outcome) -> Array:
+        """The gain of this step's measurement."""
+        return outcome.information.gram_gain.copy()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingError(RewardTerm):
+    """``−min(e, 1)``, e the relative range error of the tracker's estimate."""
+
+    name = "tracking_error"
+    weight: float = quantity("weight", 0.1)
+
+    def score(self, outcome: Outcome) -> Array:
+        """Minus the relative error, at most one."""
+        return -np.minimum(outcome.relative_range_error, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeepOut(RewardTerm):
+    """A bounded push away from the minimum range: 0 outside the margin, −1 at and inside ``min_range``."""
+
+    name = "keep_out"
+    weight: float = quantity("weight", 1.0)
+    margin: float = quantity("width of the ramp as a share of min_range", 0.2, above=0)
+
+    def score(self, outcome: Outcome) -> Array:
+        """The ramp between ``min_range (1 + margin)`` and ``min_range``."""
+        if outcome.min_range == 0.0:
+            return np.zeros(outcome.range.shape)
+        depth = (1.0 + self.margin - outcome.range / outcome.min_range) / self.margin
+        return -np.clip(depth, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlEffort(RewardTerm):
+    """``−ω²/ω_ref²``: turning costs."""
+
+    name = "control_effort"
+    weight: float = quantity("weight", 0.05)
+    reference: float = quantity("turn rate that counts as one", 0.05, unit="rad/s", above=0)
+
+    def score(self, outcome: Outcome) -> Array:
+        """Minus the square of the own ship's turn rate in units of the reference."""
+        velocity, push = outcome.pose.velocity, outcome.pose.acceleration
+        square = np.maximum((velocity * velocity).sum(axis=0), 1e-12)
+        return -(push * push).sum(axis=0) / square / self.reference**2
+
+
+DEFAULT_REWARD = (RangeBound(), GramGain(), TrackingError(), KeepOut())
+"""Observability *and* tracking accuracy, with a keep-out."""

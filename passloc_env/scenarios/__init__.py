@@ -1,0 +1,50 @@
+"""The named scenarios, one small file per family."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from passloc_env.errors import ScenarioError, unknown_name
+from passloc_env.scenario import Scenario
+from passloc_env.scenarios.bearing_doppler import BEARING_DOPPLER, BEARING_DOPPLER_UNKNOWN_CARRIER
+from passloc_env.scenarios.bearings_only import BEARINGS_ONLY, BEARINGS_ONLY_FAR
+from passloc_env.scenarios.own_ship import OWN_SHIP_MODERATE, OWN_SHIP_SEVERE
+
+SCENARIOS: dict[str, Scenario] = {
+    scenario.name: scenario
+    for scenario in (
+        BEARINGS_ONLY,
+        BEARINGS_ONLY_FAR,
+        OWN_SHIP_MODERATE,
+        OWN_SHIP_SEVERE,
+        BEARING_DOPPLER,
+        BEARING_DOPPLER_UNKNOWN_CARRIER,
+    )
+}
+"""All registered scenarios by name."""
+
+NAMESPACE, VERSION = "passloc", 0
+
+
+def environment_id(name: str) -> str:
+    """The Gymnasium id of a named scenario, e.g. ``passloc/BearingsOnly-v0``."""
+    return f"{NAMESPACE}/{name}-v{VERSION}"
+
+
+def find(scenario: str | Mapping[str, Any] | Scenario) -> Scenario:
+    """A scenario from its name or Gymnasium id, from plain data, or itself.
+
+    Raises:
+        ScenarioError: unknown name (with the closest one) or impossible data.
+    """
+    if isinstance(scenario, Scenario):
+        return scenario
+    if isinstance(scenario, Mapping):
+        return Scenario.from_dict(scenario)
+    if not isinstance(scenario, str):
+        raise ScenarioError("scenario", scenario, "must be a name, a mapping of fields, or a Scenario")
+    name = scenario.removeprefix(f"{NAMESPACE}/").removesuffix(f"-v{VERSION}")
+    if name not in SCENARIOS:
+        raise unknown_name("scenario", scenario, SCENARIOS, "scenario")
+    return SCENARIOS[name]

@@ -1,0 +1,102 @@
+"""All sensors of a scenario as one measurement."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from passloc_env.angles import wrap_in_place
+from passloc_env.arrays import Array, BoolArray
+from passloc_env.linalg import LinearMap, cholesky
+from passloc_env.nuisance import Nuisance
+from passloc_env.sensors import Sensor
+from passloc_env.sightline import Scene
+
+
+class SensorSuite:
+    """Realised sensors stacked: ``m`` scalars in the order of the scenario.
+
+    Attributes:
+        size: number of scalars ``m``.
+        noise_covariance: ``R (m, m, 1|N)``.
+    """
+
+    def __init__(self, sensors: tuple[Sensor, ...], dense: bool = False) -> None:
+        self.sensors = sensors
+        self.size = sum(sensor.size for sensor in sensors)
+        ends = np.cumsum([sensor.size for sensor in sensors])
+        self.rows = [slice(int(end) - s.size, int(end)) for s, end in zip(sensors, ends, strict=True)]
+        angular = [angle for sensor in sensors for angle in sensor.angular]
+        self._angles = _runs(angular)
+        self.noise_covariance = self._stack_noise()
+        self._disturb = LinearMap(cholesky(self.noise_covariance).lower, dense=dense)
+        self.may_miss = may_miss(sensors)
+
+    def _stack_noise(self) -> Array:
+        blocks = [sensor.noise_covariance() for sensor in self.sensors]
+        stacked = np.zeros((self.size, self.size, max(block.shape[-1] for block in blocks)))
+        for rows, block in zip(self.rows, blocks, strict=True):
+            stacked[rows, rows] = block
+        return stacked
+
+    def measure(self, scene: Scene) -> Array:
+        """The noise-free measurements ``(m, …, N)``."""
+        stacked = np.empty((self.size, *scene.state.shape[1:]))
+        for sensor, rows in zip(self.sensors, self.rows, strict=True):
+            stacked[rows] = sensor.measure(scene)
+        return stacked
+
+    def jacobian(self, scene: Scene) -> Array:
+        """Their derivative with respect to the state ``(m, n, …, N)``."""
+        stacked = np.empty((self.size, *scene.state.shape))
+        for sensor, rows in zip(self.sensors, self.rows, strict=True):
+            stacked[rows] = sensor.jacobian(scene)
+        return stacked
+
+    def noise(self, normals: Array) -> Array:
+        """Measurement noise ``(m, N)`` from standard normals ``(m, N)``."""
+        return self._disturb(normals)
+
+    def difference(self, left: Array, right: Array) -> Array:
+        """``left − right`` for measurements ``(m, …, N)``, angles around the circle; a new array."""
+        gap = left - right
+        for angles in self._angles:
+            wrap_in_place(gap[angles])
+        return gap
+
+    def wrap(self, measurement: Array) -> None:
+        """Bring the angles of a measurement ``(m, …, N)`` to [-π, π] in place."""
+        for angles in self._angles:
+            wrap_in_place(measurement[angles])
+
+    def detected(self, uniforms: Array) -> BoolArray:
+        """Which scalars ``(m, N)`` are measured, from one uniform draw per sensor ``(s, N)``."""
+        mask = np.empty((self.size, uniforms.shape[-1]), bool)
+        for index, (sensor, rows) in enumerate(zip(self.sensors, self.rows, strict=True)):
+            mask[rows] = uniforms[index] < sensor.detection_probability
+        return mask
+
+
+def may_miss(sensors: tuple[Sensor, ...]) -> bool:
+    """Whether any sensor can miss a measurement."""
+    certain = [isinstance(s.detection_probability, float) and s.detection_probability == 1.0 for s in sensors]
+    return not all(certain)
+
+
+def nuisances(sensors: tuple[Sensor, ...]) -> tuple[Nuisance, ...]:
+    """The nuisance states that some sensors need, each once."""
+    unique: dict[str, Nuisance] = {}
+    for sensor in sensors:
+        for nuisance in sensor.nuisances:
+            unique.setdefault(nuisance.name, nuisance)
+    return tuple(unique.values())
+
+
+def _runs(flags: list[bool]) -> list[slice]:
+    """Stretches of consecutive true flags."""
+    runs: list[slice] = []
+    for index, flag in enumerate(flags):
+        if flag and runs and runs[-1].stop == index:
+            runs[-1] = slice(runs[-1].start, index + 1)
+        elif flag:
+            runs.append(slice(index, index + 1))
+    return runs

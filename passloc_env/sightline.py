@@ -1,0 +1,85 @@
+"""Relative geometry between emitter states and observers, computed once and shared by all sensors."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from passloc_env.angles import bearing_of
+from passloc_env.arrays import Array, Number
+from passloc_env.layout import StateLayout
+from passloc_env.linalg import inner
+from passloc_env.platforms import Pose
+
+_CLOSEST = 1e-3
+"""Ranges are never taken below this many metres: directions and rates stay finite on top of the emitter."""
+
+
+class Sightline:
+    """The line from a pose to emitter states ``(n, …, N)``; every quantity keeps the middle axes."""
+
+    def __init__(self, state: Array, layout: StateLayout, pose: Pose) -> None:
+        self._state, self._layout, self.pose = state, layout, pose
+        self._middle = (slice(None), *(None,) * (state.ndim - 2))
+
+    @cached_property
+    def offset(self) -> Array:
+        """Emitter position minus own position, ``(d, …, N)``, m."""
+        return self._state[self._layout.position] - self.pose.position[self._middle]
+
+    @cached_property
+    def velocity(self) -> Array:
+        """Emitter velocity minus own velocity, ``(d, …, N)``, m/s."""
+        return self._state[self._layout.velocity] - self.pose.velocity[self._middle]
+
+    @cached_property
+    def range(self) -> Array:
+        """Distance ``(…, N)``, m, at least a millimetre."""
+        return np.maximum(np.sqrt(inner(self.offset, self.offset)), _CLOSEST)
+
+    @cached_property
+    def direction(self) -> Array:
+        """Unit vector to the emitter ``(d, …, N)``."""
+        return self.offset / self.range
+
+    @cached_property
+    def bearing(self) -> Array:
+        """Compass bearing of the emitter ``(…, N)``, rad."""
+        return bearing_of(self.offset)
+
+    @cached_property
+    def range_rate(self) -> Array:
+        """Rate of change of the range ``(…, N)``, m/s."""
+        return inner(self.offset, self.velocity) / self.range
+
+
+class Scene:
+    """Emitter states seen from all platforms at one instant.
+
+    Args:
+        state: ``(n, …, N)``; the middle axes hold e.g. sigma points.
+        layout: its rows.
+        poses: one pose per platform, ``(d, N)`` each.
+    """
+
+    def __init__(self, state: Array, layout: StateLayout, poses: list[Pose]) -> None:
+        self.state, self.layout, self.poses = state, layout, poses
+        self._sightlines: dict[tuple[int, tuple[Number, ...]], Sightline] = {}
+
+    def sightline(self, platform: int, lever_arm: tuple[Number, ...] = ()) -> Sightline:
+        """The line from a point of a platform to the emitter, computed on first use."""
+        key = (platform, tuple(id(arm) if isinstance(arm, np.ndarray) else arm for arm in lever_arm))
+        if key not in self._sightlines:
+            pose = self.poses[platform].mounted(lever_arm)
+            self._sightlines[key] = Sightline(self.state, self.layout, pose)
+        return self._sightlines[key]
+
+    def nuisance(self, name: str) -> Array:
+        """A nuisance state ``(…, N)``."""
+        row: Array = self.state[self.layout.nuisance_row(name)]
+        return row
+
+    def empty_jacobian(self, rows: int) -> Array:
+        """Zeros ``(rows, n, …, N)`` for a sensor to fill."""
+        return np.zeros((rows, *self.state.shape))

@@ -1,0 +1,322 @@
+"""The batched world: act → move → measure → track → score.
+
+One :class:`Simulation` runs any number of environments of one scenario in lockstep, each with an episode clock of its
+own. It knows no Gymnasium; :mod:`passloc_env.vector_env` and :mod:`passloc_env.env` are its faces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.belief import Belief
+from passloc_env.information import Information
+from passloc_env.models import ScenarioModels
+from passloc_env.noise import EpisodeNoise, NoiseSizes
+from passloc_env.platforms import Pose
+from passloc_env.randomisation import Randomisation
+from passloc_env.rewards import Outcome
+from passloc_env.scenario import Scenario
+from passloc_env.sensor_suite import may_miss
+from passloc_env.sightline import Scene
+from passloc_env.tracking.initialisation import FirstLook
+
+
+class Simulation:
+    """A batch of worlds, each with its emitter, platforms, tracker, bound and clock; updated in place.
+
+    Attributes:
+        scenario: as the user wrote it.
+        realised: the same with this episode's numbers, arrays ``(N,)`` where they are random.
+        truth: true emitter state ``(n, N)``.
+        platform_states: one array ``(rows, N)`` per platform.
+        track: the tracker; information: the bound.
+        step_count: sensor steps done in the episode ``(N,)``.
+        reward, reward_terms: of the last decision, ``(N,)`` and by name.
+        violated: whether the true range has been below ``min_range`` in the last decision ``(N,)``.
+        breached: the same since the episode began.
+        watchers: called with the simulation after every sensor step.
+    """
+
+    def __init__(self, scenario: Scenario, environments: int) -> None:
+        self.scenario, self.environments = scenario, environments
+        self._randomisation = Randomisation(scenario, environments)
+        self.realised: Scenario = self._randomisation.realised
+        self.models = self._build_models()
+        self.noise = EpisodeNoise(self._noise_sizes(), environments)
+        self.track = self.realised.tracker.build(self.models.tracker, environments)
+        self.information = Information(self.models.bound.dynamics, environments)
+
+        n = environments
+        self.truth: Array = np.zeros((self.models.truth.layout.size, n))
+        self.platform_states = [platform.start(n) + 0.0 for platform in self.realised.platforms]
+        self._set_points: list[Array] = [np.zeros((p.set_points, n)) for p in self.realised.platforms]
+        self.action: Array = np.zeros((scenario.action_size, n))
+        self.step_count: IntArray = np.zeros(n, np.int64)
+        self.reward: Array = np.zeros(n)
+        self.reward_terms = {term.name: np.zeros(n) for term in scenario.reward}
+        self.violated: BoolArray = np.zeros(n, bool)
+        self.breached: BoolArray = np.zeros(n, bool)
+        self.lost: BoolArray = np.zeros(n, bool)
+        self.watchers: list[Callable[[Simulation], None]] = []
+
+    def step(self, action: Array) -> None:
+        """Fly one decision, ``action (a, N)`` finite; clipped to [-1, 1]."""
+        with np.errstate(all="ignore"):
+            self._decide(action)
+            for _ in range(self.scenario.episode.decision_every):
+                self._advance()
+            self._conclude()
+
+    def _advance(self) -> None:
+        """One sensor step: move, measure, track, account, score."""
+        episode = self.scenario.episode
+        time = self.step_count * episode.period
+        for index, platform in enumerate(self.realised.platforms):
+            moved = platform.move(self.platform_states[index], self._set_points[index], episode.period)
+            self.platform_states[index][...] = moved
+        self.truth[...] = self.models.truth.dynamics.mean(self.truth, time)
+        self.models.truth.dynamics.disturb(self.truth, self._process_noise())
+        self.step_count += 1
+
+        poses, reported = self.poses(), self.reported_poses()
+        measurement, detected = self.measure(poses)
+        self.track.predict(time)
+        self.track.update(measurement, reported, detected)
+        self._restart_where_broken(measurement, reported)
+
+        self.information.advance()
+        self._inform(poses, detected)
+        self._score(poses)
+        for watch in self.watchers:
+            watch(self)
+
+    def measure(self, poses: list[Pose]) -> tuple[Array, BoolArray | None]:
+        """The noisy measurement ``(m, N)`` of the present truth, and what of it was detected (None: all)."""
+        suite = self.models.suite
+        step = np.minimum(self.step_count, self.scenario.episode.steps)
+        measurement = suite.measure(Scene(self.truth, self.models.truth.layout, poses))
+        measurement += suite.noise(self.noise.measurement(step))
+        suite.wrap(measurement)
+        detected = suite.detected(self.noise.detection(step)) if suite.may_miss else None
+        return measurement, detected
+
+    def _process_noise(self) -> Array:
+        return self.noise.process(np.minimum(self.step_count, self.scenario.episode.steps - 1))
+
+    def _inform(self, poses: list[Pose], detected: BoolArray | None) -> None:
+        """Account for what the measurement tells at the true geometry."""
+        layout = self.models.bound.layout
+        scene = Scene(layout.convert(self.truth, self.models.truth.layout), layout, poses)
+        suite = self.models.suite
+        self.information.absorb(suite.jacobian(scene), suite.noise_covariance, detected)
+
+    def _decide(self, action: Array) -> None:
+        """Turn an action into set-points, relative to the believed lines of sight."""
+        np.clip(action, -1.0, 1.0, out=self.action)
+        emitter = self.track.mean[self.models.tracker.layout.position]
+        first = 0
+        for index, (platform, pose) in enumerate(zip(self.realised.platforms, self.reported_poses(), strict=True)):
+            part = self.action[first : first + platform.controls]
+            first += platform.controls
+            if platform.controls:
+                offset = emitter - pose.position
+                towards = offset / np.maximum(np.sqrt((offset * offset).sum(axis=0)), 1e-3)
+                self._set_points[index][...] = platform.set_point(self.platform_states[index], part, towards)
+        self.reward[...] = 0.0
+        self.violated[...] = False
+        for total in self.reward_terms.values():
+            total[...] = 0.0
+
+    def _score(self, poses: list[Pose]) -> None:
+        """Add this step's share of the decision's reward and keep the flags."""
+        self.outcome = self.look(poses[self.scenario.own_ship])
+        share = 1.0 / self.scenario.episode.decision_every
+        for term in self.scenario.reward:
+            value = term.score(self.outcome) * share
+            self.reward_terms[term.name] += value
+            self.reward += term.weight * value
+        self.violated |= self.outcome.violated
+
+    def _conclude(self) -> None:
+        self.breached |= self.violated
+        self.lost[...] = ~(self.outcome.relative_range_error <= self.scenario.episode.lost_error)
+
+    def look(self, own_pose: Pose) -> Outcome:
+        """What the present state comes to, seen from the own ship's true pose."""
+        return Outcome(
+            self.truth,
+            self.models.truth.layout,
+            self.track.mean,
+            self.track.covariance,
+            self.models.tracker.layout,
+            own_pose,
+            self.information,
+            self.action,
+            self.scenario.episode.min_range,
+        )
+
+    @property
+    def terminated(self) -> BoolArray:
+        """Lost track or violated range, where the scenario ends episodes early ``(N,)``; a new array."""
+        return (self.breached | self.lost) & self.scenario.episode.early_end
+
+    @property
+    def truncated(self) -> BoolArray:
+        """Time is over ``(N,)``; a new array."""
+        return self.step_count >= self.scenario.episode.steps
+
+    @property
+    def belief(self) -> Belief:
+        """What a policy may know; views of the live state."""
+        episode = self.scenario.episode
+        time = self.step_count * episode.period
+        return Belief(
+            time=time,
+            time_left=episode.duration - time,
+            interval=episode.interval,
+            mean=self.track.mean,
+            covariance=self.track.covariance,
+            layout=self.models.tracker.layout,
+            poses=self.reported_poses(),
+            platforms=self.realised.platforms,
+            own_ship=self.scenario.own_ship,
+            min_range=episode.min_range,
+            last_action=self.action,
+        )
+
+    def observe(self) -> Array:
+        """The observation features ``(f, N)``; a new array."""
+        with np.errstate(all="ignore"):
+            return self.scenario.observation.observe(self.belief)
+
+    def poses(self) -> list[Pose]:
+        """The true pose of every platform."""
+        return [p.pose(state) for p, state in zip(self.realised.platforms, self.platform_states, strict=True)]
+
+    def reported_poses(self) -> list[Pose]:
+        """The pose that every platform reports."""
+        pairs = zip(self.realised.platforms, self.platform_states, strict=True)
+        return [platform.reported_pose(state) for platform, state in pairs]
+
+    def reset(self, columns: IntArray, generators: Sequence[np.random.Generator]) -> None:
+        """Begin new episodes in the given environments, one generator each, in the order of ``columns``."""
+        if not len(columns):
+            return
+        for column, generator in zip(columns, generators, strict=True):
+            self.noise.draw(int(column), generator)
+        self._randomisation.sample(columns, self.noise.uniforms[:, columns])
+        if self._randomisation.touches_models:
+            self.models = self._build_models()
+            self.track.models, self.information.dynamics = self.models.tracker, self.models.bound.dynamics
+        self._place(columns)
+        for values in (self.step_count, self.reward, self.violated, self.breached, self.lost):
+            values[columns] = 0
+        for total in self.reward_terms.values():
+            total[columns] = 0.0
+        self.action[:, columns] = 0.0
+        poses, reported = self.poses(), self.reported_poses()
+        measurement, _ = self.measure(poses)
+        self._start_tracking(columns, measurement, reported)
+        self.outcome = self.look(poses[self.scenario.own_ship])
+
+    def _place(self, columns: IntArray) -> None:
+        """Put emitter and platforms where the episode begins."""
+        n, layout = self.environments, self.models.truth.layout
+        start = self.realised.target.start.sample(n)
+        self.truth[:, columns] = 0.0
+        self.truth[: len(start), columns] = start[:, columns]
+        scatter = self.noise.normals[self._prior_normals :]
+        for nuisance, normal in zip(self.models.truth_nuisances, scatter, strict=True):
+            self.truth[layout.nuisance_row(nuisance.name), columns] = (nuisance.sigma * normal)[columns]
+        for index, platform in enumerate(self.realised.platforms):
+            self.platform_states[index][:, columns] = platform.start(n)[:, columns]
+            self._set_points[index][:, columns] = 0.0
+
+    def _start_tracking(self, columns: IntArray, measurement: Array, reported: list[Pose]) -> None:
+        """Build belief and bound from the first measurement."""
+        layout = self.models.bound.layout
+        mean, covariance = self._prior(measurement, reported)
+        self.track.start(columns, mean[:, columns], covariance[..., columns])
+        bound_look = self._first_look(measurement, reported)
+        bound_look.layout, bound_look.nuisances = layout, self.models.bound_nuisances
+        bound_look.truth = layout.convert(self.truth, self.models.truth.layout)
+        self.information.start(columns, self.realised.prior.at_truth(bound_look)[..., columns])
+
+    def _restart_where_broken(self, measurement: Array, reported: list[Pose]) -> None:
+        """A tracker that went non-finite begins anew from the prior; the restart is counted as a repair."""
+        if np.isfinite(self.track.nis).all():
+            return
+        columns = np.flatnonzero(~np.isfinite(self.track.nis))
+        repairs = self.track.repairs[columns] + 1
+        mean, covariance = self._prior(measurement, reported)
+        self.track.start(columns, mean[:, columns], covariance[..., columns])
+        self.track.repairs[columns] = repairs
+
+    def _prior(self, measurement: Array, reported: list[Pose]) -> tuple[Array, Array]:
+        return self.realised.prior.start(self._first_look(measurement, reported))
+
+    def _first_look(self, measurement: Array, reported: list[Pose]) -> FirstLook:
+        layout = self.models.tracker.layout
+        return FirstLook(
+            layout=layout,
+            truth=layout.convert(self.truth, self.models.truth.layout),
+            measurement=measurement,
+            suite=self.models.suite,
+            pose=reported[self.realised.prior.carrier_platform(self.scenario.sensors)],
+            normals=self.noise.normals[: self._prior_normals],
+            nuisances=self.models.tracker_nuisances,
+        )
+
+    def _build_models(self) -> ScenarioModels:
+        return ScenarioModels(self.realised, dense=self._randomisation.touches_models)
+
+    @property
+    def _prior_normals(self) -> int:
+        return self.scenario.prior.normals_needed(self.models.tracker.layout)
+
+    def _noise_sizes(self) -> NoiseSizes:
+        return NoiseSizes(
+            uniforms=self._randomisation.size,
+            normals=self._prior_normals + len(self.models.truth_nuisances),
+            steps=self.scenario.episode.steps,
+            measurement=self.models.suite.size,
+            process=self.models.truth.dynamics.noise_size,
+            detection=len(self.scenario.sensors) if may_miss(self.scenario.sensors) else 0,
+        )
+
+    def state_arrays(self) -> dict[str, np.ndarray]:
+        """Every array that makes up the state of the batch, by name, batch axis last, live."""
+        own = {
+            "truth": self.truth,
+            "action": self.action,
+            "step_count": self.step_count,
+            "reward": self.reward,
+            "violated": self.violated,
+            "breached": self.breached,
+            "lost": self.lost,
+        }
+        arrays = {f"simulation.{name}": values for name, values in own.items()}
+        for index, (state, set_point) in enumerate(zip(self.platform_states, self._set_points, strict=True)):
+            arrays[f"platform.{index}"], arrays[f"set_point.{index}"] = state, set_point
+        parts = {
+            "scenario": self._randomisation.state_arrays(),
+            "noise": self.noise.state_arrays(),
+            "track": self.track.state_arrays(),
+            "information": self.information.state_arrays(),
+            "reward_terms": self.reward_terms,
+        }
+        for part, named in parts.items():
+            arrays |= {f"{part}.{name}": values for name, values in named.items()}
+        return arrays
+
+    def restore(self, arrays: dict[str, np.ndarray], columns: IntArray | slice = slice(None)) -> None:
+        """Put back columns of the state saved from :meth:`state_arrays`; models follow the restored numbers."""
+        for name, live in self.state_arrays().items():
+            live[..., columns] = arrays[name][..., columns]
+        if self._randomisation.touches_models:
+            self.models = self._build_models()
+            self.track.models, self.information.dynamics = self.models.tracker, self.models.bound.dynamics
+        self.outcome = self.look(self.poses()[self.scenario.own_ship])

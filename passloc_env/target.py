@@ -1,0 +1,73 @@
+"""The emitter: where it starts and how it moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passloc_env.angles import direction
+from passloc_env.arrays import Array, Number
+from passloc_env.component import Component
+from passloc_env.errors import ScenarioError
+from passloc_env.fields import abstract, part, quantity, vector
+from passloc_env.motion import ConstantVelocity, Motion
+from passloc_env.platforms import stack
+
+
+@abstract
+class Start(Component):
+    """Base of initial geometries."""
+
+    dimension: int = 2
+
+    def sample(self, environments: int) -> Array:
+        """Initial position and velocity ``(2d, N)`` of a realised start."""
+        raise AssertionError(f"{type(self).__name__} must define sample")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarStart(Start):
+    """Range and bearing from the origin, speed and course; planar."""
+
+    range: Number = quantity("distance from the origin", unit="m", above=0)
+    bearing: Number = quantity("bearing from the origin, clockwise from north", 0.0, unit="rad")
+    speed: Number = quantity("speed", 0.0, unit="m/s", at_least=0)
+    course: Number = quantity("course, clockwise from north", 0.0, unit="rad")
+
+    def sample(self, environments: int) -> Array:
+        """East, north, and their rates ``(4, N)``."""
+        distance, bearing, speed, course = stack((self.range, self.bearing, self.speed, self.course), environments)
+        return np.concatenate([distance * direction(bearing), speed * direction(course)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class CartesianStart(Start):
+    """Position and velocity by axis, in as many dimensions as there are axes."""
+
+    position: tuple[Number, ...] = vector("position by axis", unit="m")
+    velocity: tuple[Number, ...] = vector("velocity by axis", unit="m/s")
+
+    @property
+    def dimension(self) -> int:  # type: ignore[override]
+        """Number of axes."""
+        return len(self.position)
+
+    def validate(self) -> None:
+        """Both must have the same two or three axes."""
+        if len(self.position) not in (2, 3):
+            raise ScenarioError("position", self.position, "must have 2 or 3 axes")
+        if len(self.velocity) != len(self.position):
+            raise ScenarioError("velocity", self.velocity, f"must have {len(self.position)} axes like the position")
+
+    def sample(self, environments: int) -> Array:
+        """Position and velocity ``(2d, N)``."""
+        return stack(self.position + self.velocity, environments)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target(Component):
+    """The emitter as it truly is."""
+
+    start: Start = part(Start, "where it starts and how fast it goes")
+    motion: Motion = part(Motion, "how it moves from there", ConstantVelocity())

@@ -1,0 +1,78 @@
+"""What every tracker is: a configuration that builds a running track over a batch of environments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.component import Component
+from passloc_env.dynamics import Dynamics
+from passloc_env.fields import abstract
+from passloc_env.layout import StateLayout
+from passloc_env.motion import Motion
+from passloc_env.platforms import Pose
+from passloc_env.sensor_suite import SensorSuite
+
+
+@dataclass
+class Models:
+    """What a tracker believes about the world: state, motion and sensors, all realised."""
+
+    layout: StateLayout
+    dynamics: Dynamics
+    suite: SensorSuite
+
+
+@abstract
+class Tracker(Component):
+    """Base of tracker configurations."""
+
+    motion: Motion
+
+    def build(self, models: Models, environments: int) -> Track:
+        """The running tracker of ``environments`` environments."""
+        raise AssertionError(f"{type(self).__name__} must define build")
+
+
+class Track:
+    """A running tracker: the belief of every environment of a batch, updated in place.
+
+    Attributes:
+        models: replaced by the simulation whenever a reset has sampled new numbers.
+        mean: ``(n, N)``.
+        covariance: ``(n, n, N)``, symmetric to the last bit and positive definite.
+        nis: normalised innovation squared of the last update ``(N,)``.
+        repairs: how often each environment's covariance had to be repaired ``(N,)``.
+    """
+
+    def __init__(self, models: Models, environments: int) -> None:
+        self.models = models
+        n = models.layout.size
+        self.mean: Array = np.zeros((n, environments))
+        self.covariance: Array = np.zeros((n, n, environments))
+        self.nis: Array = np.zeros(environments)
+        self.repairs: IntArray = np.zeros(environments, np.int64)
+
+    def start(self, columns: IntArray, mean: Array, covariance: Array) -> None:
+        """Begin anew in the given environments from a prior ``(n, k)``, ``(n, n, k)``."""
+        self.mean[:, columns] = mean
+        self.covariance[..., columns] = covariance
+        self.nis[columns] = 0.0
+        self.repairs[columns] = 0
+
+    def predict(self, time: Array) -> None:
+        """Advance the belief by one period from ``time (N,)``."""
+        raise AssertionError(f"{type(self).__name__} must define predict")
+
+    def update(self, measurement: Array, poses: list[Pose], detected: BoolArray | None = None) -> None:
+        """Absorb a measurement ``(m, N)`` made from the reported poses.
+
+        ``detected (m, N)`` tells which scalars were made at all; None means all.
+        """
+        raise AssertionError(f"{type(self).__name__} must define update")
+
+    def state_arrays(self) -> dict[str, np.ndarray]:
+        """Everything that makes up the track's state, by name, batch axis last."""
+        return {"mean": self.mean, "covariance": self.covariance, "nis": self.nis, "repairs": self.repairs}

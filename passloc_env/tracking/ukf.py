@@ -1,0 +1,139 @@
+"""The unscented Kalman filter, batched.
+
+Scaled sigma points (van der Merwe) are drawn from the predicted covariance: ``x̄, x̄ ± √(n+λ) L`` with ``P = L Lᵀ``.
+For a linear motion the prediction is exactly ``F x``, ``F P Fᵀ + Q``; for a nonlinear one sigma points carry it. All
+measurement statistics are taken relative to the centre point, so that angles need one wrap and means never flip. With
+``d_i = h(x_i) − h(x̄)`` and ``μ = w Σ d_i``:
+
+    S   = w Σ d_i d_iᵀ + (β − α²) μ μᵀ + R
+    Pxz = w Σ o_i (d_i⁺ − d_i⁻)ᵀ
+    K   = Pxz S⁻¹,   x ← x + K (z − h(x̄) − μ),   P ← P − K S Kᵀ
+
+which equals the textbook form (Wan & van der Merwe 2000) because the offsets ``± o_i`` are antisymmetric.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passloc_env.arrays import Array, BoolArray
+from passloc_env.errors import ScenarioError
+from passloc_env.fields import part, quantity
+from passloc_env.linalg import cholesky, nearest_positive_definite, row_gram, solve_lower, transpose, tree_sum, unsound
+from passloc_env.motion import ConstantVelocity, Motion
+from passloc_env.platforms import Pose
+from passloc_env.sightline import Scene
+from passloc_env.tracking.tracker import Models, Track, Tracker
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnscentedKalman(Tracker):
+    """Unscented Kalman filter with scaled sigma points; any motion, any sensors."""
+
+    motion: Motion = part(Motion, "how it believes the emitter moves", ConstantVelocity())
+    alpha: float = quantity("spread of the sigma points", 1.0, above=0)
+    beta: float = quantity("weight of the centre in the covariance; 2 suits a Gaussian", 2.0)
+    kappa: float = quantity("secondary spread", 0.0)
+
+    def validate(self) -> None:
+        """The numbers are constants of the filter, never drawn."""
+        for name in ("alpha", "beta", "kappa"):
+            if not isinstance(getattr(self, name), float):
+                raise ScenarioError(name, getattr(self, name), "must be a plain number")
+
+    def build(self, models: Models, environments: int) -> UnscentedTrack:
+        """The running filter; ScenarioError when kappa leaves no spread in this state size."""
+        return UnscentedTrack(self, models, environments)
+
+
+class UnscentedTrack(Track):
+    """The running filter of a batch."""
+
+    def __init__(self, filter_: UnscentedKalman, models: Models, environments: int) -> None:
+        super().__init__(models, environments)
+        n = models.layout.size
+        self._spread = filter_.alpha**2 * (n + filter_.kappa)
+        if self._spread <= 0.0:
+            raise ScenarioError("kappa", filter_.kappa, f"must be above {-n} with {n} states")
+        self._weight = 0.5 / self._spread
+        self._mean_correction = filter_.beta - filter_.alpha**2
+
+    def predict(self, time: Array) -> None:
+        """``x ← f(x)``, ``P ← F P Fᵀ + Q`` or its sigma-point form."""
+        dynamics = self.models.dynamics
+        if dynamics.linear:
+            self.mean[...] = dynamics.mean(self.mean, time)
+            self.covariance[...] = dynamics.covariance(self.covariance)
+            return
+        points = self._points(self._offsets())
+        moved = dynamics.mean(points, time)
+        deviations = transpose(moved[:, 1:] - moved[:, :1])
+        shift = self._weight * tree_sum(deviations.copy())
+        self.mean[...] = moved[:, 0] + shift
+        self.covariance[...] = self._moment(deviations, shift) + dynamics.process_noise
+
+    def update(self, measurement: Array, poses: list[Pose], detected: BoolArray | None = None) -> None:
+        """The equations of the module's head."""
+        suite = self.models.suite
+        n = len(self.mean)
+        offsets = self._offsets()
+        predicted = suite.measure(Scene(self._points(offsets), self.models.layout, poses))
+        deviations = transpose(suite.difference(predicted[:, 1:], predicted[:, :1]))
+        shift = self._weight * tree_sum(deviations.copy())
+        innovation_covariance = self._moment(deviations, shift) + suite.noise_covariance
+        slopes = deviations[:n] - deviations[n:]
+        cross = self._weight * tree_sum(slopes[:, :, None] * transpose(offsets)[:, None])
+        innovation = suite.difference(measurement, predicted[:, 0] + shift)
+        if detected is not None:
+            _ignore_missing(innovation, cross, innovation_covariance, detected)
+
+        right = np.concatenate([cross, innovation[:, None]], axis=1)
+        whitened = solve_lower(cholesky(innovation_covariance).lower, right)
+        gain, residual = whitened[:, :-1], whitened[:, -1]
+        self.mean += tree_sum(gain * residual[:, None])
+        self.covariance -= row_gram(transpose(gain))
+        self.nis[...] = tree_sum(residual * residual)
+
+    def _offsets(self) -> Array:
+        """Columns ``√(n+λ) L (n, n, N)``; repairs covariances that rounding has spoilt."""
+        lower, sound = cholesky(self.covariance)
+        if not sound:
+            self._repair()
+            lower, _ = cholesky(self.covariance)
+        lower *= np.sqrt(self._spread)
+        return lower
+
+    def _points(self, offsets: Array) -> Array:
+        """Sigma points ``(n, 2n + 1, N)``, the centre first."""
+        n, size = self.mean.shape
+        points = np.empty((n, 2 * n + 1, size))
+        centre = self.mean[:, None]
+        points[:, :1] = centre
+        np.add(centre, offsets, out=points[:, 1 : n + 1])
+        np.subtract(centre, offsets, out=points[:, n + 1 :])
+        return points
+
+    def _moment(self, deviations: Array, shift: Array) -> Array:
+        """Second moment ``(k, k, N)`` of deviations ``(2n, k, N)`` from the centre point, about their mean."""
+        moment = tree_sum(deviations[:, :, None] * deviations[:, None])
+        moment *= self._weight
+        if self._mean_correction:
+            moment += self._mean_correction * (shift[:, None] * shift[None])
+        return moment
+
+    def _repair(self) -> None:
+        broken = unsound(self.covariance)
+        self.covariance[..., broken] = nearest_positive_definite(self.covariance[..., broken])
+        self.repairs[broken] += 1
+
+
+def _ignore_missing(innovation: Array, cross: Array, covariance: Array, detected: BoolArray) -> None:
+    """Make undetected scalars carry no information: no innovation, no gain, unit variance of their own."""
+    missing = ~detected
+    innovation[missing] = 0.0
+    cross[np.broadcast_to(missing[:, None], cross.shape)] = 0.0
+    covariance[missing[:, None] | missing[None]] = 0.0
+    for row in range(len(covariance)):
+        covariance[row, row, missing[row]] = 1.0

@@ -1,0 +1,13 @@
+"""Units used at the edges; inside, everything is SI and radians."""
+
+from __future__ import annotations
+
+import math
+
+KNOT = 0.514
+"""One knot in m/s, as the own-ship cases round it."""
+
+DEGREE = math.pi / 180.0
+KILOMETRE = 1e3
+MINUTE = 60.0
+GIGAHERTZ = 1e9
