@@ -15,7 +15,17 @@ import numpy as np
 
 from passloc_env.arrays import Array, BoolArray, IntArray
 from passloc_env.dynamics import Dynamics
-from passloc_env.linalg import cholesky, diagonal, log_determinant, matmul, matvec, inner, row_gram, solve_lower, transpose
+from passloc_env.linalg import (
+    cholesky,
+    diagonal,
+    inner,
+    log_determinant,
+    matmul,
+    matvec,
+    row_gram,
+    solve_lower,
+    transpose,
+)
 
 _SMALLEST_VARIANCE = 1e-12
 

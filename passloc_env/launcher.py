@@ -6,17 +6,15 @@ import importlib
 import sys
 from typing import NoReturn
 
-from passloc_env.shadowing import explain, shadowed
+from passloc_env.shadowing import OURS, explain, shadowed
 
-TRAIN_MODULES = frozenset(
-    {"rich", "safetensors", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro"}
-)
+TRAIN_MODULES = frozenset({"rich", "safetensors", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro"})
 """Import names of what the ``train`` extra installs."""
 
 
 def main() -> NoReturn:
     """Runs the command line and exits with its status, or with 2 when the installation cannot run it."""
-    for name in ("agents", "training"):
+    for name in OURS:
         if path := shadowed(name):
             _refuse(explain(name, path))
     try:

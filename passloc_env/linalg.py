@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from passloc_env.arrays import Array
+from passloc_env.arrays import Array, BoolArray
 
 _PIVOT_FLOOR = 1e-14
 """Pivots below this share of the diagonal are rounding noise, not variance."""
@@ -93,12 +93,13 @@ def cholesky(matrix: Array) -> Factor:
     return Factor(lower, sound)
 
 
-def unsound(matrix: Array) -> Array:
+def unsound(matrix: Array) -> BoolArray:
     """Which matrices of the batch ``(n, n, N)`` are not numerically positive definite, as a mask ``(N,)``."""
     with np.errstate(all="ignore"):
         pivots = diagonal(cholesky(matrix).lower)
         healthy = (pivots * pivots > 2.0 * _PIVOT_FLOOR * diagonal(matrix)).all(axis=0)
-    return ~healthy
+    broken: BoolArray = ~healthy
+    return broken
 
 
 def nearest_positive_definite(matrix: Array) -> Array:

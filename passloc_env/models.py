@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from passloc_env.dynamics import Dynamics
+from passloc_env.layout import StateLayout
 from passloc_env.motion import Motion
 from passloc_env.nuisance import Nuisance
 from passloc_env.scenario import Scenario
 from passloc_env.sensor_suite import SensorSuite, nuisances
 from passloc_env.tracking.tracker import Models
+
+
+def state_layout(scenario: Scenario, motion: Motion) -> StateLayout:
+    """The state of a motion in a scenario: its own rows, then the nuisance states of the sensors."""
+    heard = tuple(nuisance.name for nuisance in nuisances(scenario.sensors))
+    return motion.layout(scenario.dimension).with_nuisance(heard)
 
 
 class ScenarioModels:
@@ -27,8 +34,7 @@ class ScenarioModels:
         self.bound, self.bound_nuisances = self._build(realised.bound.motion)
 
     def _build(self, motion: Motion) -> tuple[Models, tuple[Nuisance, ...]]:
-        heard = nuisances(self._scenario.sensors)
-        layout = motion.layout(self._scenario.dimension).with_nuisance(tuple(n.name for n in heard))
-        states = motion.nuisances + heard
+        layout = state_layout(self._scenario, motion)
+        states = motion.nuisances + nuisances(self._scenario.sensors)
         dynamics = Dynamics(motion, layout, self._scenario.episode.period, states, dense=self._dense)
         return Models(layout, dynamics, self.suite), states

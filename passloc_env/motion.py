@@ -14,8 +14,8 @@ import numpy as np
 from passloc_env.angles import direction
 from passloc_env.arrays import Array, Number
 from passloc_env.component import Component
-from passloc_env.fields import abstract, quantity, vector
 from passloc_env.errors import ScenarioError
+from passloc_env.fields import abstract, quantity, vector
 from passloc_env.layout import StateLayout
 from passloc_env.nuisance import Nuisance
 
@@ -108,14 +108,18 @@ class ConstantVelocity(LinearMotion):
     depend on how time is cut into steps (Bar-Shalom, *Estimation with Applications*, 6.2 and 6.3).
     """
 
-    acceleration_noise: Number = quantity("standard deviation of a step's white acceleration", 0.0, unit="m/s²", at_least=0)
+    acceleration_noise: Number = quantity(
+        "standard deviation of a step's white acceleration", 0.0, unit="m/s²", at_least=0
+    )
     acceleration_density: Number = quantity("density of continuous white acceleration", 0.0, unit="m²/s³", at_least=0)
     known_acceleration: tuple[Number, ...] = vector("known constant acceleration by axis", (), unit="m/s²")
 
     def check(self, dimension: int) -> None:
         """A known acceleration has as many axes as the problem."""
         if len(self.known_acceleration) not in (0, dimension):
-            raise ScenarioError("known_acceleration", self.known_acceleration, f"must be empty or have {dimension} axes")
+            raise ScenarioError(
+                "known_acceleration", self.known_acceleration, f"must be empty or have {dimension} axes"
+            )
 
     def transition(self, layout: StateLayout, period: float) -> Array:
         """``F (n, n, 1)``."""
@@ -172,7 +176,9 @@ class CoordinatedTurn(LinearMotion):
     """
 
     turn_rate: Number = quantity("turn rate, positive to starboard", unit="rad/s")
-    acceleration_noise: Number = quantity("standard deviation of a step's white acceleration", 0.0, unit="m/s²", at_least=0)
+    acceleration_noise: Number = quantity(
+        "standard deviation of a step's white acceleration", 0.0, unit="m/s²", at_least=0
+    )
 
     def transition(self, layout: StateLayout, period: float) -> Array:
         """``F (n, n, 1|N)``."""
@@ -220,7 +226,9 @@ class UnknownTurn(Motion):
 
     linear = False
 
-    acceleration_noise: Number = quantity("standard deviation of a step's white acceleration", 0.0, unit="m/s²", at_least=0)
+    acceleration_noise: Number = quantity(
+        "standard deviation of a step's white acceleration", 0.0, unit="m/s²", at_least=0
+    )
     turn_rate_noise: Number = quantity("random walk of the turn rate per step", 0.0, unit="rad/s", at_least=0)
     turn_rate_sigma: Number = quantity("prior standard deviation of the turn rate", 0.02, unit="rad/s", above=0)
 

@@ -8,6 +8,7 @@ noise being switched on, nor the length of earlier episodes ever changes what it
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -67,7 +68,8 @@ class EpisodeNoise:
     def _stream(self, key: list[int]) -> np.random.Generator:
         """The stream of a key of four words: one generator, set anew, for building one costs more than its draws."""
         state = {"state": key[0] << 64 | key[1], "inc": key[2] << 64 | key[3] | 1}
-        self._bits.state = {"bit_generator": "PCG64", "state": state, "has_uint32": 0, "uinteger": 0}
+        whole: Any = {"bit_generator": "PCG64", "state": state, "has_uint32": 0, "uinteger": 0}
+        self._bits.state = whole
         return self._generator
 
     def measurement(self, step: IntArray) -> Array:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,12 @@ class Pose:
             self.attitude = attitude
         if attitude_rate is not None:
             self.attitude_rate = attitude_rate
+
+    @classmethod
+    def join(cls, poses: list[Any]) -> Pose:
+        """The poses of several batches put end to end."""
+        names = ("position", "velocity", "acceleration", "attitude", "attitude_rate")
+        return cls(*(np.concatenate([getattr(pose, name) for pose in poses], axis=-1) for name in names))
 
     @cached_property
     def attitude(self) -> Array:
@@ -78,6 +85,12 @@ class PlanarPose(Pose):
         self.heading, self.turn_rate = heading, turn_rate
         sideways = np.stack([velocity[1], -velocity[0]])
         super().__init__(position, velocity, turn_rate * sideways)
+
+    @classmethod
+    def join(cls, poses: list[Any]) -> PlanarPose:
+        """The poses of several batches put end to end."""
+        names = ("position", "velocity", "heading", "turn_rate")
+        return cls(*(np.concatenate([getattr(pose, name) for pose in poses], axis=-1) for name in names))
 
     @cached_property
     def attitude(self) -> Array:

@@ -68,3 +68,26 @@ class Randomisation:
         self._slots.append((index, value, values))
         self.touches_models |= where.startswith(_MODEL_FIELDS)
         return values
+
+
+def join(components: list[Any]) -> Any:
+    """One realised component from the same component of several batches, their arrays put end to end."""
+    joined = copy.copy(components[0])
+    for name, spec in specs(type(joined)).items():
+        values = [getattr(component, name) for component in components]
+        if isinstance(spec, Quantity):
+            value = _join_numbers(values)
+        elif isinstance(spec, Vector):
+            value = tuple(_join_numbers(list(items)) for items in zip(*values, strict=True))
+        elif isinstance(spec, Part):
+            value = join(values)
+        elif isinstance(spec, Parts):
+            value = tuple(join(list(items)) for items in zip(*values, strict=True))
+        else:
+            continue
+        object.__setattr__(joined, name, value)
+    return joined
+
+
+def _join_numbers(values: list[Any]) -> Any:
+    return np.concatenate(values) if isinstance(values[0], np.ndarray) else values[0]

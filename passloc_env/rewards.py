@@ -12,12 +12,12 @@ from functools import cached_property
 
 import numpy as np
 
-from passloc_env.arrays import Array
+from passloc_env.arrays import Array, BoolArray
 from passloc_env.component import Component
 from passloc_env.fields import abstract, quantity
 from passloc_env.information import Information, sigma_along
 from passloc_env.layout import StateLayout
-from passloc_env.metrics import log_range_bound, relative_range_error
+from passloc_env.metrics import log_range_bound, nees, relative_range_error
 from passloc_env.platforms import Pose
 
 
@@ -79,9 +79,25 @@ class Outcome:
         return relative_range_error(self.position_error, self.range)
 
     @cached_property
-    def violated(self) -> Array:
+    def nees(self) -> Array:
+        """Normalised estimation error squared over the states that truth and tracker share ``(N,)``."""
+        shared = _shared_rows(self.layout, self.truth_layout)
+        theirs = [row for row, _ in shared]
+        error = self.mean[theirs] - self.truth[[row for _, row in shared]]
+        return nees(error, self.covariance[np.ix_(theirs, theirs)])
+
+    @cached_property
+    def violated(self) -> BoolArray:
         """Whether the true range is below ``min_range`` ``(N,)``."""
         return self.range < self.min_range
+
+
+def _shared_rows(layout: StateLayout, truth_layout: StateLayout) -> list[tuple[int, int]]:
+    """Rows of the same meaning in two layouts."""
+    kinematic = min(layout.kinematic.stop, truth_layout.kinematic.stop)
+    rows = [(row, row) for row in range(kinematic)]
+    common = [name for name in layout.nuisance if name in truth_layout.nuisance]
+    return rows + [(layout.nuisance_row(name), truth_layout.nuisance_row(name)) for name in common]
 
 
 @abstract

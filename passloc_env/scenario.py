@@ -147,8 +147,8 @@ class Scenario(Component):
                 raise ScenarioError(f"reward.{index}", name, "each reward term may be named once")
 
     def _check_sensors(self) -> None:
-        for index, platform in enumerate(self.platforms):
-            axes = platform.dimension
+        for index, observer in enumerate(self.platforms):
+            axes = observer.dimension
             if axes != self.dimension:
                 allowed = f"must have {self.dimension} axes like the emitter"
                 raise ScenarioError(f"platforms.{index}.position", axes, allowed)

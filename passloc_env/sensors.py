@@ -105,7 +105,9 @@ class Doppler(Sensor):
 
     sigma: Number = quantity("standard deviation", unit="Hz", above=0)
     carrier: Number = quantity("nominal carrier frequency", unit="Hz", above=0)
-    carrier_sigma: Number = quantity("prior standard deviation of the carrier; 0 when known", 0.0, unit="Hz", at_least=0)
+    carrier_sigma: Number = quantity(
+        "prior standard deviation of the carrier; 0 when known", 0.0, unit="Hz", at_least=0
+    )
     carrier_walk: Number = quantity("random walk of the carrier per step", 0.0, unit="Hz", at_least=0)
     propagation_speed: Number = quantity("speed of propagation", SPEED_OF_LIGHT, unit="m/s", above=0)
     platform: int = count("index of the platform that carries it", 0)

@@ -8,8 +8,12 @@ far from the cause, so the command line asks here first.
 from __future__ import annotations
 
 import importlib.util
+import warnings
 from importlib.machinery import ModuleSpec
 from pathlib import Path
+
+OURS = ("agents", "training")
+"""Packages of ours whose names others use too."""
 
 MARKER = "passloc"
 """The word in the first line of the docstring of every package that is ours."""
@@ -44,6 +48,13 @@ def explain(name: str, path: str) -> str:
         f"passloc: its package '{name}' is hidden by {path}: install passloc in an environment of its own, "
         f"rename that {kind}, or start from another directory"
     )
+
+
+def warn_if_shadowed() -> None:
+    """Warns, in one line each, about packages of ours that another distribution hides."""
+    for name in OURS:
+        if path := shadowed(name):
+            warnings.warn(explain(name, path), stacklevel=3)
 
 
 def _is_ours(spec: ModuleSpec) -> bool:

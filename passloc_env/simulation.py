@@ -73,7 +73,7 @@ class Simulation:
     def _advance(self) -> None:
         """One sensor step: move, measure, track, account, score."""
         episode = self.scenario.episode
-        time = self.step_count * episode.period
+        time = self.time
         for index, platform in enumerate(self.realised.platforms):
             moved = platform.move(self.platform_states[index], self._set_points[index], episode.period)
             self.platform_states[index][...] = moved
@@ -169,10 +169,15 @@ class Simulation:
         return self.step_count >= self.scenario.episode.steps
 
     @property
+    def time(self) -> Array:
+        """Seconds since each episode began ``(N,)``."""
+        return self.step_count.astype(np.float64) * self.scenario.episode.period
+
+    @property
     def belief(self) -> Belief:
         """What a policy may know; views of the live state."""
         episode = self.scenario.episode
-        time = self.step_count * episode.period
+        time = self.time
         return Belief(
             time=time,
             time_left=episode.duration - time,

@@ -114,7 +114,10 @@ def polar_covariance(bearing: Array, along: Number, across: Number) -> Array:
 def _empty(look: FirstLook, acceleration_sigma: Number, environments: int) -> tuple[Array, Array]:
     """Zero mean, and a covariance with only accelerations and nuisances filled in."""
     layout = look.layout
-    mean, covariance = np.zeros((layout.size, environments)), np.zeros((layout.size, layout.size, environments))
+    mean, covariance = (
+        np.zeros((layout.size, environments)),
+        np.zeros((layout.size, layout.size, environments)),
+    )
     for row in range(layout.acceleration.start, layout.acceleration.stop):
         covariance[row, row] = np.square(acceleration_sigma)
     for nuisance in look.nuisances:

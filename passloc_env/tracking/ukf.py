@@ -21,7 +21,15 @@ import numpy as np
 from passloc_env.arrays import Array, BoolArray
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import part, quantity
-from passloc_env.linalg import cholesky, nearest_positive_definite, row_gram, solve_lower, transpose, tree_sum, unsound
+from passloc_env.linalg import (
+    cholesky,
+    nearest_positive_definite,
+    row_gram,
+    solve_lower,
+    transpose,
+    tree_sum,
+    unsound,
+)
 from passloc_env.motion import ConstantVelocity, Motion
 from passloc_env.platforms import Pose
 from passloc_env.sightline import Scene

@@ -65,9 +65,7 @@ def test_missing_extra_is_named_in_one_line(tmp_path: Path) -> None:
     result = run_command(tmp_path)
     assert result.returncode == 2
     assert result.stdout == ""
-    assert result.stderr == (
-        "passloc: the command line needs the 'train' extra: pip install 'passloc[train]'\n"
-    )
+    assert result.stderr == ("passloc: the command line needs the 'train' extra: pip install 'passloc[train]'\n")
 
 
 def test_status_of_the_command_line_is_the_exit_status(tmp_path: Path) -> None:

@@ -87,9 +87,7 @@ def test_plain_folder_is_foreign(folder: Path) -> None:
     assert shadowed(NAME) == str(folder)
 
 
-def test_regular_package_wins_over_plain_folder(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_regular_package_wins_over_plain_folder(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_package(folder, '"""passloc agents."""\n')
     working_directory = tmp_path / "elsewhere"
     (working_directory / NAME).mkdir(parents=True)

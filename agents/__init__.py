@@ -1,0 +1,1 @@
+"""passloc agents: who decides how the observer moves."""

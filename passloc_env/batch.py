@@ -1,0 +1,130 @@
+"""A batch of environments of any size, run as tiles that fit the processor's cache.
+
+Every environment is independent of its neighbours to the last bit, so cutting the batch into tiles changes nothing but
+the speed. What comes out is batch axis *first*, as Gymnasium wants it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+
+from passloc_env.arrays import Array, BoolArray
+from passloc_env.belief import Belief
+from passloc_env.randomisation import join
+from passloc_env.scenario import Scenario
+from passloc_env.simulation import Simulation
+
+TILE = 1024
+"""Environments per tile: larger tiles fall out of the second-level cache, smaller ones pay NumPy's call overhead."""
+
+
+class Batch:
+    """Environments ``0 … size − 1`` of one scenario, each with a random generator of its own."""
+
+    def __init__(self, scenario: Scenario, size: int, tile: int = TILE) -> None:
+        self.scenario, self.size = scenario, size
+        starts = range(0, size, tile)
+        self.slices = [slice(first, min(first + tile, size)) for first in starts]
+        self.tiles = [Simulation(scenario, part.stop - part.start) for part in self.slices]
+        self.generators: list[np.random.Generator | None] = [None] * size
+
+    def seed(self, index: int, seed: int | None) -> None:
+        """Give one environment a new generator, or its first one when ``seed`` is None."""
+        if seed is not None or self.generators[index] is None:
+            self.generators[index] = seeding.np_random(seed)[0]
+
+    def reset(self, mask: BoolArray) -> None:
+        """Begin new episodes where ``mask (N,)``; every such environment has been seeded before."""
+        for part, tile in zip(self.slices, self.tiles, strict=True):
+            columns = np.flatnonzero(mask[part])
+            generators = [self.generators[part.start + int(column)] for column in columns]
+            tile.reset(columns, generators)  # type: ignore[arg-type]
+
+    def step(self, actions: Array) -> None:
+        """One decision of every environment, ``actions (N, a)`` finite."""
+        turned = np.ascontiguousarray(actions.T)
+        for part, tile in zip(self.slices, self.tiles, strict=True):
+            tile.step(turned[:, part])
+
+    def gather(self, pick: Callable[[Simulation], np.ndarray]) -> np.ndarray:
+        """Concatenate ``(…, n)`` arrays of the tiles to a fresh ``(N, …)``."""
+        parts = [pick(tile) for tile in self.tiles]
+        joined = parts[0].copy() if len(parts) == 1 else np.concatenate(parts, axis=-1)
+        return joined if joined.ndim == 1 else np.ascontiguousarray(np.moveaxis(joined, -1, 0))
+
+    def observe(self) -> np.ndarray:
+        """Observations ``(N, f)``, float32."""
+        return self.gather(lambda tile: tile.observe().astype(np.float32))
+
+    def info(self, diagnostics: bool) -> dict[str, Any]:
+        """Named reward terms and the violation flag; with ``diagnostics`` what only the world knows as well."""
+        info: dict[str, Any] = {
+            "reward_terms": {
+                term.name: self.gather(lambda tile, name=term.name: tile.reward_terms[name])  # type: ignore[misc]
+                for term in self.scenario.reward
+            },
+            "violated": self.gather(lambda tile: tile.violated),
+        }
+        if diagnostics:
+            info |= {name: self.gather(pick) for name, pick in _DIAGNOSTICS.items()}
+        return info
+
+    @property
+    def belief(self) -> Belief:
+        """What policies may know, of all environments."""
+        beliefs = [tile.belief for tile in self.tiles]
+        return beliefs[0] if len(beliefs) == 1 else _join_beliefs(beliefs)
+
+    def get_arrays(self) -> dict[str, np.ndarray]:
+        """A copy of the state, batch axis last, by name."""
+        tiles = [tile.state_arrays() for tile in self.tiles]
+        return {name: np.concatenate([arrays[name] for arrays in tiles], axis=-1) for name in tiles[0]}
+
+    def set_arrays(self, arrays: dict[str, np.ndarray]) -> None:
+        """Put a state from :meth:`get_arrays` back; ValueError, with nothing changed, when it does not fit."""
+        for name, live in self.get_arrays().items():
+            if name not in arrays or arrays[name].shape != live.shape:
+                found = arrays[name].shape if name in arrays else "nothing"
+                raise ValueError(f"the state does not fit this environment: {name} is {found}, expected {live.shape}")
+        for part, tile in zip(self.slices, self.tiles, strict=True):
+            tile.restore({name: values[..., part] for name, values in arrays.items()})
+
+
+_DIAGNOSTICS: dict[str, Callable[[Simulation], np.ndarray]] = {
+    "truth": lambda tile: tile.truth,
+    "estimate": lambda tile: tile.track.mean,
+    "covariance": lambda tile: tile.track.covariance,
+    "nees": lambda tile: tile.outcome.nees,
+    "relative_range_error": lambda tile: tile.outcome.relative_range_error,
+    "bound": lambda tile: tile.outcome.range_sigma,
+    "range": lambda tile: tile.outcome.range,
+    "repairs": lambda tile: tile.track.repairs,
+}
+
+
+def _join_beliefs(beliefs: list[Belief]) -> Belief:
+    first = beliefs[0]
+
+    def together(name: str) -> Array:
+        return np.concatenate([getattr(belief, name) for belief in beliefs], axis=-1)
+
+    return Belief(
+        time=together("time"),
+        time_left=together("time_left"),
+        interval=first.interval,
+        mean=together("mean"),
+        covariance=together("covariance"),
+        layout=first.layout,
+        poses=[poses[0].join(list(poses)) for poses in zip(*(belief.poses for belief in beliefs), strict=True)],
+        platforms=tuple(join(list(parts)) for parts in zip(*(belief.platforms for belief in beliefs), strict=True)),
+        own_ship=first.own_ship,
+        min_range=first.min_range,
+        last_action=together("last_action"),
+        components={
+            name: np.concatenate([belief.components[name] for belief in beliefs], axis=-1) for name in first.components
+        },
+    )

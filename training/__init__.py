@@ -1,0 +1,1 @@
+"""passloc training: how agents are made and judged."""
