@@ -74,7 +74,7 @@ class Belief:
 
 
 def line_of_sight_axes(direction: Array) -> Array:
-    """Orthonormal axes ``(d, d, N)`` as rows: along the line of sight, across it (starboard), and up if there is one."""
+    """Orthonormal axes ``(d, d, N)`` as rows: along the line of sight, across it (starboard), and upward."""
     if len(direction) == 2:
         return np.stack([direction, np.stack([direction[1], -direction[0]])])
     horizontal = np.stack([direction[1], -direction[0], np.zeros(direction.shape[-1])])

@@ -20,8 +20,8 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     ## Description
 
-    An emitter moves; an observer measures bearings (and, by scenario, Doppler) and a tracker inside the environment turns
-    them into a belief. From most paths the range stays unknown however long one listens: only the observer's own
+    An emitter moves; an observer measures bearings (and, by scenario, Doppler) and a tracker inside the environment
+    turns them into a belief. From most paths the range stays unknown however long one listens: only the observer's own
     manoeuvres make it observable. The agent decides how to move, seeing the tracker's belief and never the truth.
 
     Nothing raises inside an episode: a diverging tracker is repaired, counted (``info["repairs"]``) and, when its error
@@ -29,10 +29,10 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     ## Action Space
 
-    ``Box(-1, 1, (a,), float32)``, by default a = 1. With ``control="heading"`` (default) the action times π is a heading
-    set-point relative to the *believed* line of sight: 0 flies at the emitter, ±0.5 across it, ±1 away. A turn-limited
-    autopilot flies it until the next decision. With ``control="turn_rate"`` the action times the maximum rate is the turn
-    rate, positive to starboard. Actions beyond ±1 are clipped.
+    ``Box(-1, 1, (a,), float32)``, by default a = 1. With ``control="heading"`` (default) the action times π is a
+    heading set-point relative to the *believed* line of sight: 0 flies at the emitter, ±0.5 across it, ±1 away. A
+    turn-limited autopilot flies it until the next decision. With ``control="turn_rate"`` the action times the maximum
+    rate is the turn rate, positive to starboard. Actions beyond ±1 are clipped.
 
     ## Observation Space
 
@@ -59,8 +59,8 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     ## Starting State
 
-    Emitter and observer start as the scenario's distributions say; the first measurement builds the prior. The same seed
-    gives the same episode, alone or in a batch, to the last bit.
+    Emitter and observer start as the scenario's distributions say; the first measurement builds the prior. The same
+    seed gives the same episode, alone or in a batch, to the last bit.
 
     ## Episode End
 
@@ -71,9 +71,10 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     ## Arguments
 
     * ``scenario``: name, Gymnasium id, plain data or a ``Scenario``.
-    * ``overrides``: scenario fields to change, by dotted name: ``{"episode.decision_every": 1, "sensors.0.sigma": 0.01}``.
-    * ``diagnostics``: put truth, estimate, covariance, NEES, relative range error, bound (σ_r in metres), range and repairs
-      into ``info``.
+    * ``overrides``: scenario fields to change, by dotted name:
+      ``{"episode.decision_every": 1, "sensors.0.sigma": 0.01}``.
+    * ``diagnostics``: put truth, estimate, covariance, NEES, relative range error, bound (σ_r in metres), range and
+      repairs into ``info``.
 
     ```python
     import gymnasium, passloc_env

@@ -34,7 +34,7 @@ class Information:
     """The bound and the Gram gain of a batch, updated in place.
 
     Attributes:
-        covariance: ``(n, n, k, N)``; ``[:, :, 0]`` is the posterior Cramér–Rao bound, ``[:, :, -1]`` the noise-free one.
+        covariance: ``(n, n, k, N)``; ``[:, :, 0]`` is the bound, ``[:, :, -1]`` its noise-free copy.
         gram_gain: gain of the last measurement in ``ln det(G + P₀⁻¹)``, ``(N,)``.
     """
 

@@ -98,8 +98,7 @@ def unsound(matrix: Array) -> BoolArray:
     with np.errstate(all="ignore"):
         pivots = diagonal(cholesky(matrix).lower)
         healthy = (pivots * pivots > 2.0 * _PIVOT_FLOOR * diagonal(matrix)).all(axis=0)
-    broken: BoolArray = ~healthy
-    return broken
+    return np.logical_not(healthy)
 
 
 def nearest_positive_definite(matrix: Array) -> Array:
@@ -134,7 +133,6 @@ def log_determinant(lower: Array) -> Array:
 
 def inverse_from_factor(lower: Array) -> Array:
     """``A⁻¹`` of the matrices whose Cholesky factors ``(n, n, …)`` are given; symmetric to the last bit."""
-    n = len(lower)
     right = np.zeros(lower.shape)
     diagonal(right)[...] = 1.0
     half = solve_lower(lower, right)

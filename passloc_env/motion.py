@@ -1,8 +1,8 @@
 """How targets move, and how trackers believe they do.
 
-A linear motion gives its transition ``F``, known input ``B u`` and process noise ``Q`` for a step; a nonlinear one gives
-:meth:`Motion.propagate` alone and trackers go through sigma points. The same classes serve the truth and the models, so
-that a matched tracker is matched to the last bit. Shapes end in ``1 | N``; units SI.
+A linear motion gives its transition ``F``, known input ``B u`` and process noise ``Q`` for a step; a nonlinear one
+gives :meth:`Motion.propagate` alone and trackers go through sigma points. The same classes serve the truth and the
+models, so that a matched tracker is matched to the last bit. Shapes end in ``1 | N``; units SI.
 """
 
 from __future__ import annotations

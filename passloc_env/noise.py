@@ -1,8 +1,8 @@
 """The random numbers of an episode, drawn once at reset.
 
-Each environment has a generator of its own. A reset takes a block of keys from it and draws everything else from streams
-under those keys, one per kind of noise, in fixed order and size. So neither the batch around an environment, nor another kind of
-noise being switched on, nor the length of earlier episodes ever changes what it meets.
+Each environment has a generator of its own. A reset takes a block of keys from it and draws everything else from
+streams under those keys, one per kind of noise, in fixed order and size. So neither the batch around an environment,
+nor another kind of noise being switched on, nor the length of earlier episodes ever changes what it meets.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class NoiseSizes:
 
 
 class EpisodeNoise:
-    """The noise of a batch of episodes. Row ``k`` of the measurement noise belongs to time ``k`` (0: the first look)."""
+    """The noise of a batch of episodes. Measurement noise ``k`` belongs to time ``k``; 0 is the first look."""
 
     def __init__(self, sizes: NoiseSizes, environments: int) -> None:
         self._sizes = sizes

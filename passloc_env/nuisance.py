@@ -1,4 +1,4 @@
-"""States that matter only because a measurement or a motion depends on them: an unknown carrier, a bias, a turn rate."""
+"""States on which a measurement or a motion depends besides the kinematics: an unknown carrier, a bias, a turn rate."""
 
 from __future__ import annotations
 

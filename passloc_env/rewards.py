@@ -1,8 +1,8 @@
 """Named reward terms, each evaluated after every sensor step on the true geometry.
 
 ``log det P`` of the tracker alone would reward an overconfident filter, so information and error are always those of
-the truth. A decision's reward is the mean over its sensor steps of ``Σ weight · term``; ``info["reward_terms"]`` carries
-each unweighted mean by name.
+the truth. A decision's reward is the mean over its sensor steps of ``Σ weight · term``; ``info["reward_terms"]``
+carries each unweighted mean by name.
 """
 
 from __future__ import annotations

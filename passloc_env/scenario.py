@@ -216,7 +216,7 @@ class Scenario(Component):
 
     def to_yaml(self) -> str:
         """YAML text from which :meth:`from_yaml` builds an equal scenario."""
-        return cast(str, yaml.safe_dump(self.to_dict(), sort_keys=False, allow_unicode=True))
+        return yaml.safe_dump(self.to_dict(), sort_keys=False, allow_unicode=True)
 
     @classmethod
     def from_yaml(cls, text: str) -> Scenario:

@@ -2,8 +2,8 @@
 
 *Moderate* is the non-manoeuvring case of Ristic, Arulampalam & Gordon, *Beyond the Kalman Filter*, ch. 6: moderately
 nonlinear. *Severe* is that of Leong, Arulampalam et al., IEEE Signal Processing Letters 21(5), 2014: a fast inbound
-target at three times the own speed, a poor prior, few and coarse bearings. Both are single fixed cases, meant for judging;
-the heading is free at each minute.
+target at three times the own speed, a poor prior, few and coarse bearings. Both are single fixed cases, meant for
+judging; the heading is free at each minute.
 """
 
 from __future__ import annotations
