@@ -8,6 +8,7 @@ far from the cause, so the command line asks here first.
 from __future__ import annotations
 
 import importlib.util
+import sys
 import warnings
 from importlib.machinery import ModuleSpec
 from pathlib import Path
@@ -51,7 +52,12 @@ def explain(name: str, path: str) -> str:
 
 
 def warn_if_shadowed() -> None:
-    """Warns, in one line each, about packages of ours that another distribution hides."""
+    """Warns, in one line each, about packages of ours that another distribution hides.
+
+    The ``passloc`` command stays silent here, for it refuses to run and says why.
+    """
+    if Path(sys.argv[0]).stem == MARKER:
+        return
     for name in OURS:
         if path := shadowed(name):
             warnings.warn(explain(name, path), stacklevel=3)

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 def run_command(directory: Path) -> subprocess.CompletedProcess[str]:
     """Runs the command in a process of its own, with the directory's packages before the installed ones."""
     return subprocess.run(
-        [sys.executable, "-c", "from passloc_env.launcher import main; main()"],
+        [sys.executable, "-c", "import sys; sys.argv = ['passloc']; from passloc_env.launcher import main; main()"],
         cwd=directory,
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(directory), str(ROOT)])},
         capture_output=True,
@@ -55,6 +55,21 @@ def test_foreign_package_is_named_in_one_line(tmp_path: Path, name: str) -> None
     assert result.stdout == ""
     assert result.stderr.startswith(f"passloc: its package '{name}' is hidden by {tmp_path / name}: ")
     assert result.stderr.count("\n") == 1
+
+
+def test_import_warns_in_one_line(tmp_path: Path) -> None:
+    write_package(tmp_path / "agents", "Somebody else's package.")
+    result = subprocess.run(
+        [sys.executable, "-c", "import passloc_env"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    warnings = [line for line in result.stderr.splitlines() if "UserWarning" in line]
+    assert len(warnings) == 1
+    assert f"its package 'agents' is hidden by {tmp_path / 'agents'}" in warnings[0]
 
 
 def test_missing_extra_is_named_in_one_line(tmp_path: Path) -> None:
