@@ -1,0 +1,76 @@
+"""Policies by name, for the command line and for tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from agents import rules
+from agents.learned import LearnedPolicy, is_agent
+from agents.policy import Policy
+from passloc_env.errors import unknown_name
+from passloc_env.scenario import Scenario
+
+_RULES: dict[str, Callable[..., Policy]] = {
+    "stationary": rules.stationary,
+    "straight": lambda scenario: rules.Straight(),
+    "random": lambda scenario: rules.Random(),
+    "circle": lambda scenario: rules.Circle(),
+    "zigzag": rules.zigzag,
+    "perpendicular": lambda scenario: rules.Perpendicular(),
+    "fly-at": lambda scenario: rules.FlyAt(),
+    "legs": lambda scenario: rules.Legs(legs=_published_legs(scenario)),
+}
+
+RULE_NAMES = tuple(_RULES)
+"""All rules; ``legs`` exists where legs were published."""
+
+
+class PolicyError(ValueError):
+    """A policy that cannot be had; the message is one line."""
+
+
+def find_policy(text: str, scenario: Scenario) -> Policy:
+    """A policy from its name or from the path of a trained agent.
+
+    Args:
+        text: a rule, with parameters after colons (``zigzag:angle=45:leg=80``), or a run folder or agent file.
+        scenario: the problem it is to be flown on.
+
+    Raises:
+        PolicyError: no such rule or agent (with the closest name), or an agent that does not fit the scenario.
+    """
+    if is_agent(Path(text)):
+        return LearnedPolicy.load(Path(text), scenario)
+    name, *settings = text.split(":")
+    if name not in _RULES:
+        raise PolicyError(str(unknown_name("policy", text, _RULES, "rule, run folder or agent file")))
+    try:
+        return _RULES[name](scenario, **dict(_setting(item, text) for item in settings))
+    except TypeError:
+        raise PolicyError(f"policy = {text!r} is not possible: {name} takes no such parameter") from None
+
+
+def default_policies(scenario: Scenario) -> tuple[str, ...]:
+    """The rules that every table of a scenario carries."""
+    zigzags = ("zigzag:angle=60", "zigzag:angle=30")
+    plain = ("stationary", "straight", "random", "circle", *zigzags, "perpendicular", "fly-at")
+    return (*plain, "legs") if scenario.name in rules.PUBLISHED_LEGS else plain
+
+
+def _setting(item: str, text: str) -> tuple[str, Any]:
+    key, _, value = item.partition("=")
+    try:
+        return key, float(value)
+    except ValueError:
+        raise PolicyError(f"policy = {text!r} is not possible: {item!r} must be name=number") from None
+
+
+def _published_legs(scenario: Scenario) -> tuple[tuple[float, float], ...]:
+    if scenario.name not in rules.PUBLISHED_LEGS:
+        known = ", ".join(rules.PUBLISHED_LEGS)
+        raise PolicyError(
+            f"policy = 'legs' is not possible: no legs were published for {scenario.name}; known: {known}"
+        )
+    return rules.PUBLISHED_LEGS[scenario.name]

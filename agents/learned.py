@@ -1,0 +1,67 @@
+"""Trained policies, flown with NumPy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.agent_file import CARD, WEIGHTS, AgentFile, AgentFileError
+from passloc_env.belief import Belief
+from passloc_env.scenario import Scenario
+from passloc_env.spaces import observation_names
+
+
+class LearnedPolicy:
+    """The deterministic actor of a trained agent: a multilayer perceptron with tanh between its layers."""
+
+    overrides: Mapping[str, Any] = {}
+
+    def __init__(self, agent: AgentFile, name: str = "learned") -> None:
+        self.name, self.agent = name, agent
+        self._layers = [(weight.T.copy(), bias) for weight, bias in agent.layers("actor")]
+
+    @classmethod
+    def load(cls, path: Path, scenario: Scenario | None = None) -> LearnedPolicy:
+        """Read an agent and see that it fits a scenario.
+
+        Args:
+            path: run folder or agent file.
+            scenario: the problem to fly; None: any.
+
+        Raises:
+            AgentFileError: unreadable files, or an agent that sees or does something else than the scenario offers.
+        """
+        agent = AgentFile.load(path)
+        if scenario is not None:
+            _check_fit(agent, scenario, path)
+        folder = path if path.is_dir() else path.parent
+        return cls(agent, name=folder.resolve().name)
+
+    def act(self, observation: np.ndarray, belief: Belief | None, rng: np.random.Generator | None) -> np.ndarray:
+        """The actions ``(N, a)`` for observations ``(N, f)``; belief and random numbers are not needed."""
+        hidden = np.asarray(observation, dtype=np.float32)
+        for weight, bias in self._layers[:-1]:
+            hidden = np.tanh(hidden @ weight + bias)
+        weight, bias = self._layers[-1]
+        return np.clip(hidden @ weight + bias, -1.0, 1.0)
+
+
+def is_agent(path: Path) -> bool:
+    """Whether a path is meant as an agent: a folder, or one of an agent's two files."""
+    return path.is_dir() or path.name in (WEIGHTS, CARD)
+
+
+def _check_fit(agent: AgentFile, scenario: Scenario, path: Path) -> None:
+    sees = list(agent.card.get("observation", []))
+    offered = list(observation_names(scenario))
+    if sees != offered:
+        raise AgentFileError(
+            f"{path} was trained on {agent.scenario.name} and sees {len(sees)} features; "
+            f"{scenario.name} offers {len(offered)}, which are not the same"
+        )
+    acts = agent.card["architecture"]["actor"][-1]
+    if acts != scenario.action_size:
+        raise AgentFileError(f"{path} chooses {acts} actions; {scenario.name} takes {scenario.action_size}")

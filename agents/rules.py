@@ -1,0 +1,187 @@
+"""Classical rules: fixed recipes for the heading, from the believed line of sight and the clock.
+
+Every rule wants a heading for each turn-limited platform; the platform turns that wish into its own action, whatever
+its control style. Other platforms with controls are left neutral.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from passloc_env.angles import bearing_of, wrap
+from passloc_env.arrays import Array
+from passloc_env.belief import Belief
+from passloc_env.platforms import PlanarPose, TurnLimitedPlatform
+from passloc_env.scenario import Scenario
+from passloc_env.units import DEGREE, MINUTE
+
+_STEEPEST_TURN = 30 * DEGREE
+"""Turn per decision of a circle flown by a platform that could turn on the spot."""
+
+
+@dataclass
+class Helm:
+    """What a rule knows at the helm of one platform; angles in radians, arrays ``(N,)``."""
+
+    platform: TurnLimitedPlatform
+    heading: Array
+    line_of_sight: Array
+    """Believed bearing of the emitter."""
+    time: Array
+    interval: float
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Base of rules that choose a heading."""
+
+    name: str = "rule"
+    overrides: Mapping[str, Any] = field(default_factory=dict, repr=False)
+
+    def heading(self, helm: Helm) -> Array:
+        """The wanted heading ``(N,)``."""
+        raise AssertionError(f"{type(self).__name__} must define heading")
+
+    def act(self, observation: np.ndarray, belief: Belief, rng: np.random.Generator) -> np.ndarray:
+        """The actions ``(N, a)`` that turn every turn-limited platform towards the wanted heading."""
+        parts = []
+        emitter = belief.mean[belief.layout.position]
+        for platform, pose in zip(belief.platforms, belief.poses, strict=True):
+            if isinstance(platform, TurnLimitedPlatform) and isinstance(pose, PlanarPose):
+                helm = Helm(platform, pose.heading, bearing_of(emitter - pose.position), belief.time, belief.interval)
+                wanted = self.heading(helm)
+                parts.append(platform.action_towards(wanted, helm.heading, helm.line_of_sight, helm.interval)[None])
+            else:
+                parts.append(np.zeros((platform.controls, len(belief.time))))
+        return np.clip(np.concatenate(parts).T, -1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Straight(Rule):
+    """Keep the heading."""
+
+    name: str = "straight"
+
+    def heading(self, helm: Helm) -> Array:
+        """The present heading."""
+        return helm.heading
+
+
+@dataclass(frozen=True)
+class Stationary(Straight):
+    """Stay where you are: the fixed station. Flown with the platforms' speed set to zero."""
+
+    name: str = "stationary"
+
+
+@dataclass(frozen=True)
+class Random(Rule):
+    """A uniformly random action at each decision."""
+
+    name: str = "random"
+
+    def act(self, observation: np.ndarray, belief: Belief, rng: np.random.Generator) -> np.ndarray:
+        """Uniform in [-1, 1]."""
+        size = sum(platform.controls for platform in belief.platforms)
+        return rng.uniform(-1.0, 1.0, (len(belief.time), size))
+
+
+@dataclass(frozen=True)
+class Circle(Rule):
+    """Turn to starboard all the time, at the maximum rate; 30° per decision where that is unlimited."""
+
+    name: str = "circle"
+
+    def heading(self, helm: Helm) -> Array:
+        """As far to starboard as one interval allows."""
+        turn = np.minimum(helm.platform.max_turn_rate * helm.interval, _STEEPEST_TURN)
+        return wrap(helm.heading + turn)
+
+
+@dataclass(frozen=True)
+class Zigzag(Rule):
+    """Legs alternately to starboard and to port of the believed line of sight.
+
+    Args:
+        angle: between leg and line of sight, degrees.
+        leg: seconds per leg.
+    """
+
+    name: str = "zigzag"
+    angle: float = 60.0
+    leg: float = 40.0
+
+    def heading(self, helm: Helm) -> Array:
+        """The line of sight ± the angle, by the clock."""
+        side = np.where(np.floor(helm.time / self.leg) % 2 == 0, 1.0, -1.0)
+        return wrap(helm.line_of_sight + side * self.angle * DEGREE)
+
+
+@dataclass(frozen=True)
+class Perpendicular(Rule):
+    """Across the believed line of sight, to the side that is nearer to the present heading."""
+
+    name: str = "perpendicular"
+
+    def heading(self, helm: Helm) -> Array:
+        """The line of sight ± 90°."""
+        side = np.where(np.sin(helm.heading - helm.line_of_sight) >= 0.0, 1.0, -1.0)
+        return wrap(helm.line_of_sight + side * 90 * DEGREE)
+
+
+@dataclass(frozen=True)
+class FlyAt(Rule):
+    """Straight at the believed emitter."""
+
+    name: str = "fly-at"
+
+    def heading(self, helm: Helm) -> Array:
+        """The line of sight."""
+        return helm.line_of_sight
+
+
+@dataclass(frozen=True)
+class Legs(Rule):
+    """Fixed headings by the clock, as published for a case.
+
+    Args:
+        legs: pairs (time in seconds from which it holds, heading in degrees), in order.
+    """
+
+    name: str = "legs"
+    legs: tuple[tuple[float, float], ...] = ()
+
+    def heading(self, helm: Helm) -> Array:
+        """The heading of the leg in force."""
+        starts = np.array([start for start, _ in self.legs])
+        headings = np.array([heading for _, heading in self.legs]) * DEGREE
+        leg = np.searchsorted(starts, helm.time + 1e-9, side="right") - 1
+        return wrap(headings[np.maximum(leg, 0)])
+
+
+PUBLISHED_LEGS: dict[str, tuple[tuple[float, float], ...]] = {
+    "OwnShipModerate": (
+        (0.0, 140.0),
+        *((minute * MINUTE, heading) for minute, heading in ((13, 110.0), (14, 80.0), (15, 50.0), (16, 20.0))),
+    ),
+    "OwnShipSevere": ((0.0, -80.0), (15 * MINUTE, 146.0)),
+}
+"""The own-ship legs of the literature, by scenario. A heading chosen after measurement k acts from k to k + 1."""
+
+
+def stationary(scenario: Scenario) -> Stationary:
+    """The fixed station of a scenario."""
+    moving = [i for i, platform in enumerate(scenario.platforms) if isinstance(platform, TurnLimitedPlatform)]
+    return Stationary(overrides={f"platforms.{index}.speed": 0.0 for index in moving})
+
+
+def zigzag(scenario: Scenario, angle: float = 60.0, leg: float | None = None) -> Zigzag:
+    """A zigzag whose legs are, unless told otherwise, a sixth of the episode in whole decisions."""
+    episode = scenario.episode
+    decisions = max(1, round(episode.duration / 6.0 / episode.interval))
+    seconds = decisions * episode.interval if leg is None else leg
+    return Zigzag(name=f"zigzag {angle:g}° {seconds:g} s", angle=angle, leg=seconds)

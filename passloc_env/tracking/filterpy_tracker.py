@@ -1,0 +1,180 @@
+"""Any FilterPy filter as the tracker inside, one Python object per environment: for small batches and comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.fields import option, part, quantity
+from passloc_env.motion import ConstantVelocity, Motion
+from passloc_env.platforms import Pose
+from passloc_env.sightline import Scene
+from passloc_env.tracking.tracker import Models, Track, Tracker
+
+_UNDETECTED = 1e12
+"""Factor on the variance of a scalar that was not detected, for filters that take a measurement whole or not at all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilterPyTracker(Tracker):
+    """A FilterPy filter per environment; FilterPy is imported when the tracker is built.
+
+    Angles need no special functions in the filter: measurement and measurement function are unwrapped around the
+    predicted measurement before the filter sees them. To use another filter, derive a component and override
+    :meth:`create`; it must have ``x``, ``P``, ``Q``, ``predict()`` and ``update(z, R=…)``.
+    """
+
+    motion: Motion = part(Motion, "how it believes the emitter moves", ConstantVelocity())
+    filter: str = option(
+        "FilterPy class",
+        "UnscentedKalmanFilter",
+        ("UnscentedKalmanFilter", "CubatureKalmanFilter", "ExtendedKalmanFilter"),
+    )
+    alpha: float = quantity("spread of the sigma points (unscented)", 1.0, above=0)
+    beta: float = quantity("weight of the centre in the covariance (unscented)", 2.0)
+    kappa: float = quantity("secondary spread (unscented)", 0.0)
+
+    def create(self, states: int, scalars: int, period: float, calls: FilterCalls) -> Any:
+        """A fresh filter for ``states`` states and ``scalars`` measured scalars.
+
+        Args:
+            states: n.
+            scalars: m.
+            period: seconds per step.
+            calls: ``transition(x, dt)``, ``measure(x)`` and ``jacobian(x)`` of the environment at this step.
+        """
+        from filterpy import kalman
+
+        if self.filter == "UnscentedKalmanFilter":
+            points = kalman.MerweScaledSigmaPoints(states, self.alpha, self.beta, self.kappa)
+            return kalman.UnscentedKalmanFilter(states, scalars, period, calls.measure, calls.transition, points)
+        if self.filter == "CubatureKalmanFilter":
+            return _cubature(kalman, states, scalars, period, calls)
+        return _extended(kalman, states, scalars, calls)
+
+    def build(self, models: Models, environments: int) -> FilterPyTrack:
+        """The running filters."""
+        return FilterPyTrack(self, models, environments)
+
+
+@dataclass
+class FilterCalls:
+    """The models of one environment as plain functions of vectors."""
+
+    transition: Callable[[Array, float], Array]
+    measure: Callable[[Array], Array]
+    jacobian: Callable[[Array], Array]
+    transition_matrix: Array | None
+
+
+def _cubature(kalman: Any, states: int, scalars: int, period: float, calls: FilterCalls) -> Any:
+    """FilterPy's cubature filter, which wants its measurement as a column."""
+
+    class Cubature(kalman.CubatureKalmanFilter):  # type: ignore[misc]
+        def update(self, z: Array, R: Array) -> None:
+            super().update(z[:, None], R=R)
+
+    return Cubature(states, scalars, period, calls.measure, calls.transition)
+
+
+def _extended(kalman: Any, states: int, scalars: int, calls: FilterCalls) -> Any:
+    """FilterPy's extended filter behind the interface of the others."""
+
+    class Extended(kalman.ExtendedKalmanFilter):  # type: ignore[misc]
+        def update(self, z: Array, R: Array) -> None:
+            super().update(z, calls.jacobian, calls.measure, R=R)
+
+    if calls.transition_matrix is None:
+        raise TypeError("ExtendedKalmanFilter needs a linear motion")
+    extended = Extended(states, scalars)
+    extended.F = calls.transition_matrix
+    return extended
+
+
+class FilterPyTrack(Track):
+    """The filters of a batch; a filter that fails in NumPy's linear algebra is flagged by an infinite ``nis``."""
+
+    def __init__(self, tracker: FilterPyTracker, models: Models, environments: int) -> None:
+        super().__init__(models, environments)
+        self._tracker = tracker
+        self._time: Array = np.zeros(environments)
+        self._poses: list[Pose] = []
+        self._reference: Array = np.zeros((models.suite.size, environments))
+        self._filters = [self._create(column) for column in range(environments)]
+
+    def _create(self, column: int) -> Any:
+        layout, suite, dynamics = self.models.layout, self.models.suite, self.models.dynamics
+        calls = FilterCalls(
+            transition=lambda x, period: self.models.dynamics.mean(self._everywhere(x), self._time)[:, column],
+            measure=lambda x: self._measured(x, column),
+            jacobian=lambda x: self._jacobian(x, column),
+            transition_matrix=_of(dynamics.transition.matrix, column) if dynamics.linear else None,
+        )
+        return self._tracker.create(layout.size, suite.size, dynamics.period, calls)
+
+    def start(self, columns: IntArray, mean: Array, covariance: Array) -> None:
+        """Begin anew, with fresh filters, in the given environments."""
+        super().start(columns, mean, covariance)
+        for column in columns:
+            self._filters[column] = self._create(int(column))
+
+    def predict(self, time: Array) -> None:
+        """``filter.predict()`` in every environment."""
+        self._time = time
+        noise = self.models.dynamics.process_noise
+        self.nis[...] = 0.0
+        for column, filter_ in enumerate(self._filters):
+            filter_.x, filter_.P = self.mean[:, column].copy(), self.covariance[..., column].copy()
+            filter_.Q = _of(noise, column)
+            self._attempt(column, filter_, filter_.predict)
+
+    def update(self, measurement: Array, poses: list[Pose], detected: BoolArray | None = None) -> None:
+        """``filter.update(z)`` in every environment whose filter is sound."""
+        suite = self.models.suite
+        self._poses = poses
+        self._reference = suite.measure(self._scene(self.mean))
+        unwrapped = self._reference + suite.difference(measurement, self._reference)
+        for column, filter_ in enumerate(self._filters):
+            if not np.isfinite(self.nis[column]):
+                continue
+            noise = _of(suite.noise_covariance, column)
+            if detected is not None:
+                noise = noise + np.diag(np.where(detected[:, column], 0.0, _UNDETECTED * np.diag(noise)))
+            z = unwrapped[:, column]
+            self._attempt(column, filter_, lambda f=filter_, z=z, noise=noise: f.update(z, R=noise))  # type: ignore[misc]
+            if np.isfinite(self.nis[column]):
+                innovation = np.asarray(filter_.y).ravel()
+                self.nis[column] = innovation @ np.linalg.solve(filter_.S, innovation)
+
+    def _attempt(self, column: int, filter_: Any, action: Callable[[], None]) -> None:
+        """Run a filter's step and read its belief back."""
+        try:
+            action()
+        except (np.linalg.LinAlgError, ValueError):
+            self.nis[column] = np.inf
+            return
+        self.mean[:, column] = np.asarray(filter_.x).ravel()
+        self.covariance[..., column] = 0.5 * (filter_.P + filter_.P.T)
+
+    def _everywhere(self, x: Array) -> Array:
+        """One state for all environments, so that each reads its own column of the batched models."""
+        return np.repeat(np.asarray(x, float).reshape(-1, 1), self.mean.shape[1], axis=1)
+
+    def _scene(self, states: Array) -> Scene:
+        return Scene(states, self.models.layout, self._poses)
+
+    def _measured(self, x: Array, column: int) -> Array:
+        predicted = self.models.suite.measure(self._scene(self._everywhere(x)))
+        return (self._reference + self.models.suite.difference(predicted, self._reference))[:, column]
+
+    def _jacobian(self, x: Array, column: int) -> Array:
+        return self.models.suite.jacobian(self._scene(self._everywhere(x)))[..., column]
+
+
+def _of(matrix: Array, column: int) -> Array:
+    """The matrix of one environment out of ``(m, n, 1|N)``."""
+    return np.array(matrix[..., min(column, matrix.shape[-1] - 1)])

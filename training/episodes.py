@@ -1,0 +1,117 @@
+"""Flying whole episodes under a policy and keeping what happened at every sensor step."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from agents import Policy
+from passloc_env.arrays import Array
+from passloc_env.metrics import lost, time_to
+from passloc_env.scenario import Scenario
+from passloc_env.simulation import Simulation
+from passloc_env.vector_env import LocalisationVectorEnv
+
+CHUNK = 2048
+"""Episodes flown at once; the histories of more would only cost memory."""
+
+
+@dataclass
+class Scores:
+    """Per-episode scores of one policy, each ``(episodes,)``; times in seconds, errors relative to the range."""
+
+    log_range_bound: Array
+    end_error: Array
+    mean_error: Array
+    time_to_10: Array
+    time_to_5: Array
+    violated: Array
+    lost: Array
+    end_position_error: Array
+    """Metres."""
+    end_position_bound: Array
+    """Root of the trace of the bound's position block, metres."""
+    mean_nees: Array
+    """Averaged over the episode; the number of states when consistent."""
+
+    @classmethod
+    def join(cls, parts: list[Scores]) -> Scores:
+        """The scores of several batches as one."""
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+
+
+class Recorder:
+    """Watches a simulation and keeps histories ``(steps, N)``."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        steps, n = simulation.scenario.episode.steps, simulation.environments
+        self.log_range_bound, self.error, self.nees = (np.zeros((steps, n)) for _ in range(3))
+        self.violated = np.zeros((steps, n), bool)
+        self._step = 0
+        simulation.watchers.append(self._watch)
+
+    def _watch(self, simulation: Simulation) -> None:
+        outcome = simulation.outcome
+        self.log_range_bound[self._step] = outcome.log_range_bound
+        self.error[self._step] = outcome.relative_range_error
+        self.nees[self._step] = outcome.nees
+        self.violated[self._step] = outcome.violated
+        self._step += 1
+
+    def scores(self, simulation: Simulation) -> Scores:
+        """What the episodes came to, once they are over."""
+        period, outcome = simulation.scenario.episode.period, simulation.outcome
+        position = simulation.information.dynamics.layout.position
+        trace = np.einsum("iin->n", simulation.information.bound[position, position])
+        return Scores(
+            log_range_bound=self.log_range_bound.mean(axis=0),
+            end_error=self.error[-1],
+            mean_error=self.error.mean(axis=0),
+            time_to_10=time_to(0.10, self.error, period),
+            time_to_5=time_to(0.05, self.error, period),
+            violated=self.violated.any(axis=0),
+            lost=lost(self.error[-1], self.nees[-1]),
+            end_position_error=self.error[-1] * outcome.range,
+            end_position_bound=np.sqrt(trace),
+            mean_nees=self.nees.mean(axis=0),
+        )
+
+
+def fly(
+    scenario: Scenario, policy: Policy, episodes: int, seed: int, progress: Callable[[int], None] = lambda done: None
+) -> tuple[Scores, float]:
+    """Fly ``episodes`` full episodes, seeds ``seed … seed + episodes − 1``, whatever the policy does.
+
+    Entering ``min_range`` or losing the track is counted and ends nothing, so that no policy gains by ending early.
+
+    Args:
+        scenario: the problem; the policy's own overrides are applied.
+        policy: who decides.
+        episodes: how many.
+        seed: of the first episode.
+        progress: called with the number of episodes finished since the last call.
+
+    Returns:
+        The scores and the seconds per decision that the policy took.
+    """
+    flown = scenario.override({**policy.overrides, "episode.early_end": False})
+    decisions = flown.episode.steps // flown.episode.decision_every
+    parts, thinking = [], 0.0
+    for first in range(0, episodes, CHUNK):
+        count = min(CHUNK, episodes - first)
+        env = LocalisationVectorEnv(count, flown, autoreset_mode=AutoresetMode.DISABLED)
+        recorders = [Recorder(tile) for tile in env.batch.tiles]
+        rng = np.random.default_rng(np.random.SeedSequence((seed, first)))
+        observation, _ = env.reset(seed=seed + first)
+        for _ in range(decisions):
+            begun = time.perf_counter()
+            actions = policy.act(observation, env.belief, rng)
+            thinking += time.perf_counter() - begun
+            observation, *_ = env.step(actions)
+        parts += [recorder.scores(tile) for recorder, tile in zip(recorders, env.batch.tiles, strict=True)]
+        progress(count)
+    return Scores.join(parts), thinking / (decisions * episodes)

@@ -1,0 +1,139 @@
+"""Judging policies: the same unseen episodes for all, with intervals, lost tracks and violations."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents import Policy
+from passloc_env.models import state_layout
+from passloc_env.scenario import Scenario
+from training.episodes import Scores, fly
+from training.provenance import provenance
+from training.statistics import Bootstrap, Estimate, chi_square_band, rate, root_mean_square
+
+EVALUATION_SEED = 1_000_000
+"""First evaluation seed; training seeds are at least 2⁶² (see :mod:`passloc_env.sb3`)."""
+
+
+@dataclass
+class Verdict:
+    """One policy's scores over all episodes, each with its 95 % interval."""
+
+    policy: str
+    log_range_bound: Estimate
+    advantage: Estimate
+    """Log range bound minus the reference policy's, paired: negative is better."""
+    end_error: Estimate
+    """Median relative range error at the end."""
+    end_error_percentiles: dict[str, float]
+    mean_error: Estimate
+    """Median over episodes of the relative range error averaged over time."""
+    time_to_10: Estimate
+    time_to_5: Estimate
+    violations: Estimate
+    lost: Estimate
+    end_rms: Estimate
+    """Root mean square position error at the end, m."""
+    efficiency: float
+    """RMS position error at the end over the RMS bound along the paths flown."""
+    anees: float
+    """Average NEES per state; 1 when consistent."""
+    milliseconds_per_decision: float
+
+
+@dataclass
+class Evaluation:
+    """Policies judged on the same episodes."""
+
+    scenario: Scenario
+    episodes: int
+    seed: int
+    reference: str
+    verdicts: list[Verdict]
+    anees_band: tuple[float, float]
+    """95 % band of the ANEES of a consistent tracker, counting each episode's end as one sample."""
+    scores: dict[str, Scores] = field(repr=False, default_factory=dict)
+
+    def to_json(self) -> str:
+        """Everything but the per-episode scores, with where it came from."""
+        data: dict[str, Any] = {
+            "scenario": self.scenario.to_dict(),
+            "episodes": self.episodes,
+            "seed": self.seed,
+            "reference": self.reference,
+            "anees_band": list(self.anees_band),
+            "policies": [dataclasses.asdict(verdict) for verdict in self.verdicts],
+            "provenance": provenance(sys.argv),
+        }
+        return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+
+    def save(self, path: Path) -> None:
+        """Write :meth:`to_json`; the file appears whole or not at all."""
+        partial = path.with_name(path.name + ".partial")
+        partial.write_text(self.to_json(), encoding="utf-8")
+        partial.replace(path)
+
+
+def evaluate(
+    scenario: Scenario,
+    policies: Sequence[Policy],
+    episodes: int = 512,
+    seed: int = EVALUATION_SEED,
+    progress: Callable[[str, int], None] = lambda policy, done: None,
+) -> Evaluation:
+    """Fly every policy through the same episodes and compare.
+
+    Args:
+        scenario: the problem.
+        policies: who decides; the first is the reference of the paired differences.
+        episodes: how many, with seeds ``seed, seed + 1, …``.
+        seed: of the first episode.
+        progress: called with a policy's name and the number of its episodes just finished.
+    """
+    bootstrap = Bootstrap(episodes)
+    names = _unique([policy.name for policy in policies])
+    scores: dict[str, Scores] = {}
+    seconds: dict[str, float] = {}
+    for name, policy in zip(names, policies, strict=True):
+        scores[name], seconds[name] = fly(
+            scenario, policy, episodes, seed, lambda done, name=name: progress(name, done)
+        )  # type: ignore[misc]
+    states = state_layout(scenario, scenario.tracker.motion).size
+    verdicts = [_judge(name, scores[name], scores[names[0]], seconds[name], states, bootstrap) for name in names]
+    band = chi_square_band(states * episodes)
+    return Evaluation(scenario, episodes, seed, names[0], verdicts, band, scores)
+
+
+def _judge(name: str, scores: Scores, reference: Scores, seconds: float, states: int, bootstrap: Bootstrap) -> Verdict:
+    percentiles = np.percentile(scores.end_error, [50, 95, 99])
+    rms_bound = root_mean_square(scores.end_position_bound)
+    end_rms = bootstrap.estimate(scores.end_position_error, root_mean_square)
+    return Verdict(
+        policy=name,
+        log_range_bound=bootstrap.estimate(scores.log_range_bound),
+        advantage=bootstrap.estimate(scores.log_range_bound - reference.log_range_bound),
+        end_error=bootstrap.estimate(scores.end_error, np.median),
+        end_error_percentiles=dict(zip(("p50", "p95", "p99"), map(float, percentiles), strict=True)),
+        mean_error=bootstrap.estimate(scores.mean_error, np.median),
+        time_to_10=bootstrap.estimate(scores.time_to_10),
+        time_to_5=bootstrap.estimate(scores.time_to_5),
+        violations=rate(scores.violated.astype(bool)),
+        lost=rate(scores.lost.astype(bool)),
+        end_rms=end_rms,
+        efficiency=float(end_rms.value / rms_bound),
+        anees=float(np.mean(scores.mean_nees)) / states,
+        milliseconds_per_decision=1e3 * seconds,
+    )
+
+
+def _unique(names: list[str]) -> list[str]:
+    """Names made different by numbering the repeated ones."""
+    return [name if names.count(name) == 1 else f"{name} ({names[:i].count(name) + 1})" for i, name in enumerate(names)]

@@ -1,0 +1,68 @@
+"""Intervals: paired bootstrap over episodes, and Wilson's for rates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from passloc_env.arrays import Array, BoolArray
+
+RESAMPLES = 2000
+_SEED = 20_000
+_NORMAL_975 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+class Bootstrap:
+    """Resamples of the same episodes for every policy, so that comparisons stay paired.
+
+    Args:
+        episodes: how many episodes there are.
+        resamples: how many resamples are drawn.
+    """
+
+    def __init__(self, episodes: int, resamples: int = RESAMPLES) -> None:
+        self._indices = np.random.default_rng(_SEED).integers(episodes, size=(resamples, episodes))
+
+    def estimate(self, values: Array, statistic: Callable[..., Array] = np.mean) -> Estimate:
+        """A statistic of per-episode values ``(episodes,)`` with its percentile interval.
+
+        ``statistic(values, axis=…)`` is called once on the values and once on all resamples ``(resamples, episodes)``.
+        """
+        resampled = statistic(values[self._indices], axis=1)
+        low, high = np.percentile(resampled, [2.5, 97.5])
+        return Estimate(float(statistic(values, axis=0)), float(low), float(high))
+
+
+def rate(events: BoolArray) -> Estimate:
+    """The share of episodes in which something happened, with Wilson's score interval.
+
+    Unlike the bootstrap it does not collapse when nothing happened at all.
+    """
+    n, share, z = len(events), float(np.mean(events)), _NORMAL_975
+    centre = (share + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return Estimate(share, max(0.0, centre - half), min(1.0, centre + half))
+
+
+def root_mean_square(values: Array, axis: int = 0) -> Array:
+    """``√mean(x²)``."""
+    result: Array = np.sqrt(np.mean(np.square(values), axis=axis))
+    return result
+
+
+def chi_square_band(degrees: int) -> tuple[float, float]:
+    """95 % band of a chi-square variable over its degrees of freedom (Wilson–Hilferty), e.g. for ANEES per state."""
+    spread = math.sqrt(2.0 / (9.0 * degrees))
+    return tuple((1.0 - 2.0 / (9.0 * degrees) + sign * _NORMAL_975 * spread) ** 3 for sign in (-1.0, 1.0))  # type: ignore[return-value]
