@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from passloc_env.errors import ScenarioError
+from passloc_env.errors import InputError, ScenarioError
 from passloc_env.scenario import Scenario
 
 WEIGHTS, CARD = "agent.safetensors", "agent.json"
 _FORMAT = "passloc-agent-1"
 
 
-class AgentFileError(ValueError):
+class AgentFileError(InputError):
     """An agent file that cannot be used; the message is one line."""
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from agents import rules
 from agents.learned import LearnedPolicy, is_agent
 from agents.policy import Policy
-from passloc_env.errors import unknown_name
+from passloc_env.errors import InputError, unknown_name
 from passloc_env.scenario import Scenario
 
 _RULES: dict[str, Callable[..., Policy]] = {
@@ -27,7 +27,7 @@ RULE_NAMES = tuple(_RULES)
 """All rules; ``legs`` exists where legs were published."""
 
 
-class PolicyError(ValueError):
+class PolicyError(InputError):
     """A policy that cannot be had; the message is one line."""
 
 

@@ -6,7 +6,11 @@ import difflib
 from collections.abc import Iterable
 
 
-class ScenarioError(ValueError):
+class InputError(ValueError):
+    """What somebody gave cannot be used; the message is one line that says why and what would do."""
+
+
+class ScenarioError(InputError):
     """A scenario says something impossible.
 
     Attributes:
@@ -32,7 +36,7 @@ def unknown_name(field: str, name: object, valid: Iterable[str], noun: str) -> S
     return ScenarioError(field, name, f"no such {noun}; {hint}known: {', '.join(valid)}")
 
 
-class ActionError(ValueError):
+class ActionError(InputError):
     """An action that cannot be flown; nothing has changed when it is raised."""
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from agents import Policy
-from passloc_env.arrays import Array
+from passloc_env.arrays import Array, BoolArray
 from passloc_env.metrics import lost, time_to
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
@@ -29,8 +29,8 @@ class Scores:
     mean_error: Array
     time_to_10: Array
     time_to_5: Array
-    violated: Array
-    lost: Array
+    violated: BoolArray
+    lost: BoolArray
     end_position_error: Array
     """Metres."""
     end_position_bound: Array
@@ -73,7 +73,7 @@ class Recorder:
             mean_error=self.error.mean(axis=0),
             time_to_10=time_to(0.10, self.error, period),
             time_to_5=time_to(0.05, self.error, period),
-            violated=self.violated.any(axis=0),
+            violated=np.logical_or.reduce(self.violated, axis=0),
             lost=lost(self.error[-1], self.nees[-1]),
             end_position_error=self.error[-1] * outcome.range,
             end_position_bound=np.sqrt(trace),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import sys
 from collections.abc import Callable, Sequence
@@ -15,12 +16,10 @@ import numpy as np
 from agents import Policy
 from passloc_env.models import state_layout
 from passloc_env.scenario import Scenario
+from training.commands import EVALUATION_SEED
 from training.episodes import Scores, fly
 from training.provenance import provenance
 from training.statistics import Bootstrap, Estimate, chi_square_band, rate, root_mean_square
-
-EVALUATION_SEED = 1_000_000
-"""First evaluation seed; training seeds are at least 2⁶² (see :mod:`passloc_env.sb3`)."""
 
 
 @dataclass
@@ -103,9 +102,7 @@ def evaluate(
     scores: dict[str, Scores] = {}
     seconds: dict[str, float] = {}
     for name, policy in zip(names, policies, strict=True):
-        scores[name], seconds[name] = fly(
-            scenario, policy, episodes, seed, lambda done, name=name: progress(name, done)
-        )  # type: ignore[misc]
+        scores[name], seconds[name] = fly(scenario, policy, episodes, seed, functools.partial(progress, name))
     states = state_layout(scenario, scenario.tracker.motion).size
     verdicts = [_judge(name, scores[name], scores[names[0]], seconds[name], states, bootstrap) for name in names]
     band = chi_square_band(states * episodes)
@@ -125,8 +122,8 @@ def _judge(name: str, scores: Scores, reference: Scores, seconds: float, states:
         mean_error=bootstrap.estimate(scores.mean_error, np.median),
         time_to_10=bootstrap.estimate(scores.time_to_10),
         time_to_5=bootstrap.estimate(scores.time_to_5),
-        violations=rate(scores.violated.astype(bool)),
-        lost=rate(scores.lost.astype(bool)),
+        violations=rate(scores.violated),
+        lost=rate(scores.lost),
         end_rms=end_rms,
         efficiency=float(end_rms.value / rms_bound),
         anees=float(np.mean(scores.mean_nees)) / states,

@@ -147,7 +147,9 @@ def test_step_after_the_end_of_a_scalar(short, refused):
 def test_step_after_the_end_when_disabled(finished, refused):
     env, ended = finished
     names = str(np.flatnonzero(ended).tolist()).replace("[", r"\[").replace("]", r"\]")
-    refused(env, lambda: env.step(np.zeros((SIZE, 1))), NotResetError, f"environments {names} have finished: .*reset_mask")
+    refused(
+        env, lambda: env.step(np.zeros((SIZE, 1))), NotResetError, f"environments {names} have finished: .*reset_mask"
+    )
 
 
 @pytest.mark.parametrize("seed", [[], [1], [1, 2], [1, 2, 3, 4]])

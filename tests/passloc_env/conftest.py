@@ -1,4 +1,4 @@
-"""What the tests of the environment share: the hypothesis profile and two helpers."""
+"""What the tests of the environment share: the hypothesis profile and three helpers."""
 
 from collections.abc import Callable
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from passloc_env.errors import ScenarioError
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 
@@ -42,3 +43,22 @@ def assert_batch_free() -> Callable[..., None]:
             assert found.tobytes() == whole[..., part].tobytes()
 
     return check
+
+
+@pytest.fixture(scope="session")
+def refusal() -> Callable[..., ScenarioError]:
+    """The one ScenarioError that a call raises: one line that names field, value and what is allowed."""
+
+    def refusal(call: Callable[..., object], *arguments: object) -> ScenarioError:
+        with pytest.raises(ScenarioError) as caught:
+            call(*arguments)
+        error = caught.value
+        assert str(error) == f"{error.field} = {error.value!r} is not possible: {error.allowed}"
+        assert "\n" not in str(error)
+        assert error.field
+        assert error.allowed
+        assert error.__cause__ is None
+        assert error.__suppress_context__ or error.__context__ is None
+        return error
+
+    return refusal

@@ -44,11 +44,11 @@ def test_nuisances_are_appended() -> None:
     assert (layout.nuisance_row("turn_rate"), layout.nuisance_row("carrier_offset")) == (4, 5)
 
 
-@pytest.mark.parametrize("target", LAYOUTS, ids=str)
-@pytest.mark.parametrize("source", LAYOUTS, ids=str)
+PAIRS = [(a, b) for a in LAYOUTS for b in LAYOUTS if a.dimension == b.dimension]
+
+
+@pytest.mark.parametrize(("source", "target"), PAIRS, ids=str)
 def test_convert_matches_rows_by_name(source: StateLayout, target: StateLayout) -> None:
-    if source.dimension != target.dimension:
-        pytest.skip("a layout of another dimension is another world")
     state = 1.0 + np.arange(source.size * 3.0).reshape(source.size, 3)
     converted = target.convert(state, source)
     known = dict(zip(source.names, state, strict=True))

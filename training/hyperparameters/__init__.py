@@ -9,10 +9,12 @@ from typing import Any
 
 import yaml
 
+from passloc_env.errors import InputError
+
 _FOLDER = Path(__file__).parent
 
 
-class HyperparameterError(ValueError):
+class HyperparameterError(InputError):
     """Hyperparameters that cannot be used; the message is one line."""
 
 

@@ -1,0 +1,230 @@
+"""Sensor steps per second, measured in turns: every candidate works for a moment, round after round.
+
+A machine's speed drifts by tens of per cent while a benchmark runs. Working in turns, each candidate meets the same
+machine, and the ratio within a round is steadier than any rate. What is counted is a *sensor step*: one measurement,
+one prediction and one update, whatever the decision interval.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from passloc_env import LocalisationEnv, LocalisationVectorEnv, Scenario
+from training.benchmark.filterpy_env import FilterPyEnv
+from training.benchmark.report import Row, Stepping, spread
+
+PEER = "FilterPy environment"
+_DRAWN_ACTIONS = 61
+"""Rows of actions drawn ahead of time: prime, so that they fall out of step with the episodes."""
+
+
+@dataclass(frozen=True)
+class Slice:
+    """What was done in one turn."""
+
+    steps: int
+    cpu: float
+    wall: float
+
+    @property
+    def per_cpu_second(self) -> float:
+        """Sensor steps per second of processor time."""
+        return self.steps / self.cpu
+
+    @property
+    def per_wall_second(self) -> float:
+        """Sensor steps per second on the clock."""
+        return self.steps / self.wall
+
+
+class Candidate(Protocol):
+    """Something whose speed is measured."""
+
+    @property
+    def name(self) -> str:
+        """What it is."""
+
+    @property
+    def environments(self) -> int:
+        """How many run together."""
+
+    @property
+    def note(self) -> str:
+        """What sets it apart from a full environment step; empty when nothing does."""
+
+    def warm_up(self) -> None:
+        """Whatever comes before measuring."""
+
+    def step(self) -> int:
+        """One call of the interface; the number of sensor steps done."""
+
+
+class VectorCandidate:
+    """passloc's vector environment in its default autoreset mode."""
+
+    name, note = "passloc vector environment", ""
+
+    def __init__(self, scenario: Scenario, environments: int, random: np.random.Generator) -> None:
+        self.environments = environments
+        self._env = LocalisationVectorEnv(environments, scenario, autoreset_mode=AutoresetMode.NEXT_STEP)
+        self._actions = _draw_actions(random, environments)
+        self._decision_every, self._decisions = scenario.episode.decision_every, _decisions(scenario)
+        self._call = 0
+        self._ended = np.zeros(environments, bool)
+
+    def warm_up(self) -> None:
+        """Start the environments in the course of one episode, so that their ends are spread evenly.
+
+        Reset together they would also end together, and a slice shorter than an episode would hold either all resets
+        or none.
+        """
+        self._env.reset(seed=0)
+        group = np.arange(self.environments) * self._decisions // self.environments
+        for decision in range(self._decisions):
+            self.step()
+            now = group == decision
+            if now.any():
+                self._env.reset(options={"reset_mask": now})
+                self._ended[now] = False
+
+    def step(self) -> int:
+        """A call; environments that it only resets do not count."""
+        actions = self._actions[self._call % _DRAWN_ACTIONS]
+        self._call += 1
+        _, _, terminated, truncated, _ = self._env.step(actions)
+        flown = self.environments - int(np.count_nonzero(self._ended))
+        self._ended = terminated | truncated
+        return flown * self._decision_every
+
+
+class ScalarCandidate:
+    """One Gymnasium environment, reset whenever its episode ends."""
+
+    environments, note = 1, ""
+
+    def __init__(
+        self, name: str, env: LocalisationEnv | FilterPyEnv, scenario: Scenario, random: np.random.Generator
+    ) -> None:
+        self.name, self._env = name, env
+        self._actions = _draw_actions(random, 1)[:, 0]
+        self._decision_every, self._decisions = scenario.episode.decision_every, _decisions(scenario)
+        self._call = 0
+
+    def warm_up(self) -> None:
+        """One episode."""
+        self._env.reset(seed=0)
+        for _ in range(self._decisions):
+            self.step()
+
+    def step(self) -> int:
+        """A decision."""
+        actions = self._actions[self._call % _DRAWN_ACTIONS]
+        self._call += 1
+        _, _, terminated, truncated, _ = self._env.step(actions)
+        if terminated or truncated:
+            self._env.reset()
+        return self._decision_every
+
+
+class StoneSoupCandidate:
+    """Stone Soup's filter on recorded measurements."""
+
+    name, environments = "Stone Soup filter", 1
+    note = "tracker only: no world, bound, reward or observation"
+
+    def __init__(self, scenario: Scenario, random: np.random.Generator) -> None:
+        from training.benchmark.stone_soup import StoneSoupTracker, record
+
+        self._tracker, self._looks = StoneSoupTracker(scenario), record(scenario, random)
+        self._next = 0
+
+    def warm_up(self) -> None:
+        """One recording."""
+        for _ in self._looks:
+            self.step()
+
+    def step(self) -> int:
+        """A prediction and an update; the recording's first look only starts the track."""
+        if self._next == 0:
+            self._tracker.start(self._looks[0])
+            self._next = 1
+        self._tracker.step(self._looks[self._next])
+        self._next = (self._next + 1) % len(self._looks)
+        return 1
+
+
+def measure_stepping(scenario: Scenario, sizes: Sequence[int], rounds: int, seconds: float) -> Stepping:
+    """Every candidate against the FilterPy environment.
+
+    Args:
+        scenario: one that both can run, with bearing and Doppler.
+        sizes: numbers of environments for the vector environment.
+        rounds: how often each candidate has its turn.
+        seconds: wall time of each turn at least, s.
+    """
+    candidates, notes = _candidates(scenario, sizes)
+    for candidate in candidates:
+        candidate.warm_up()
+    slices: list[list[Slice]] = [[] for _ in candidates]
+    for _ in range(rounds):
+        for candidate, own in zip(candidates, slices, strict=True):
+            own.append(_slice(candidate, seconds))
+    peer = slices[0]
+    rows = [_row(candidate, own, peer) for candidate, own in zip(candidates, slices, strict=True)]
+    return Stepping(scenario.name, rounds, seconds, rows, notes)
+
+
+def _candidates(scenario: Scenario, sizes: Sequence[int]) -> tuple[list[Candidate], list[str]]:
+    """The candidates, the peer first, and notes on what was left out."""
+    random = np.random.default_rng(0)
+    candidates: list[Candidate] = [ScalarCandidate(PEER, FilterPyEnv(scenario), scenario, random)]
+    notes = [
+        f"The {PEER} is stepped alone: of many, each costs the same.",
+        "Resets are included. The clocks of the vector environments are spread over an episode.",
+    ]
+    try:
+        candidates.append(StoneSoupCandidate(scenario, random))
+    except ModuleNotFoundError as error:
+        # Anything else that is missing is a fault to be seen.
+        if (error.name or "").partition(".")[0] != "stonesoup":
+            raise
+        notes.append("Stone Soup is not installed and was left out: pip install stonesoup")
+    candidates.append(ScalarCandidate("passloc environment", LocalisationEnv(scenario), scenario, random))
+    candidates += [VectorCandidate(scenario, size, random) for size in sizes]
+    return candidates, notes
+
+
+def _slice(candidate: Candidate, seconds: float) -> Slice:
+    steps = 0
+    cpu, wall = time.process_time(), time.perf_counter()
+    while time.perf_counter() - wall < seconds:
+        steps += candidate.step()
+    return Slice(steps, time.process_time() - cpu, time.perf_counter() - wall)
+
+
+def _row(candidate: Candidate, own: list[Slice], peer: list[Slice]) -> Row:
+    pairs = list(zip(own, peer, strict=True))
+    return Row(
+        candidate.name,
+        candidate.environments,
+        spread([mine.per_cpu_second for mine in own]),
+        spread([mine.per_wall_second for mine in own]),
+        spread([mine.per_cpu_second / other.per_cpu_second for mine, other in pairs]),
+        spread([mine.per_wall_second / other.per_wall_second for mine, other in pairs]),
+        candidate.note,
+    )
+
+
+def _draw_actions(random: np.random.Generator, environments: int) -> np.ndarray:
+    """Actions ``(rows, environments, 1)``, float32."""
+    return random.uniform(-1.0, 1.0, (_DRAWN_ACTIONS, environments, 1)).astype(np.float32)
+
+
+def _decisions(scenario: Scenario) -> int:
+    return scenario.episode.steps // scenario.episode.decision_every

@@ -1,0 +1,251 @@
+"""What a benchmark found, as plain data, JSON and tables."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import json
+import os
+import platform
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+_LIBRARIES = ("passloc", "numpy", "scipy", "filterpy", "gymnasium", "stonesoup", "stable_baselines3", "torch")
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Median over the rounds, with the smallest and largest."""
+
+    median: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{_short(self.median)} ({_short(self.low)}–{_short(self.high)})"
+
+
+def spread(values: Sequence[float]) -> Spread:
+    """The spread of one value per round."""
+    return Spread(statistics.median(values), min(values), max(values))
+
+
+@dataclass(frozen=True)
+class Row:
+    """The speed of one candidate.
+
+    Attributes:
+        name: what it is.
+        environments: how many ran together.
+        per_cpu_second: sensor steps per second of processor time.
+        per_wall_second: sensor steps per second on the clock.
+        cpu_ratio: the former against the FilterPy environment in the same round.
+        wall_ratio: the latter against it.
+        note: what sets it apart from a full environment step; empty when nothing does.
+    """
+
+    name: str
+    environments: int
+    per_cpu_second: Spread
+    per_wall_second: Spread
+    cpu_ratio: Spread
+    wall_ratio: Spread
+    note: str
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """Sensor steps per second of the environments alone.
+
+    Attributes:
+        scenario: its name.
+        rounds: turns of each candidate.
+        seconds: wall time of each turn at least, s.
+        rows: the candidates, the FilterPy environment first.
+        notes: how to read them.
+    """
+
+    scenario: str
+    rounds: int
+    seconds: float
+    rows: list[Row]
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class Learner:
+    """The speed of PPO on one side.
+
+    Attributes:
+        name: the environment.
+        environments: how many.
+        per_second: sensor steps per second on the clock, collecting and updates together.
+        collecting: sensor steps per second while collecting.
+        updating: seconds per update.
+    """
+
+    name: str
+    environments: int
+    per_second: Spread
+    collecting: Spread
+    updating: Spread
+
+
+@dataclass(frozen=True)
+class Learning:
+    """Sensor steps per second while PPO learns.
+
+    Attributes:
+        scenario: its name.
+        rounds: turns of each side.
+        rollout: decisions per rollout.
+        batch: decisions per gradient step.
+        epochs: passes over a rollout.
+        learners: passloc and the FilterPy environment.
+        ratio: of the first to the second, per round.
+        notes: how to read them.
+    """
+
+    scenario: str
+    rounds: int
+    rollout: int
+    batch: int
+    epochs: int
+    learners: list[Learner]
+    ratio: Spread
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Where it ran.
+
+    Attributes:
+        processor: its name.
+        cores: logical cores.
+        system: operating system.
+        python: version.
+        versions: of the libraries; those that are not installed are left out.
+        threads: the environment variables that limit threads, where set.
+    """
+
+    processor: str
+    cores: int
+    system: str
+    python: str
+    versions: dict[str, str]
+    threads: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything a benchmark found.
+
+    Attributes:
+        command: the command line that repeats it.
+        date: when, if it was given.
+        machine: where.
+        stepping: the environments alone.
+        learning: PPO, unless left out.
+    """
+
+    command: str
+    date: str | None
+    machine: Machine
+    stepping: Stepping
+    learning: Learning | None = field(default=None)
+
+    def to_json(self) -> str:
+        """JSON text with every number."""
+        return json.dumps(dataclasses.asdict(self), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def this_machine() -> Machine:
+    """The machine this process runs on."""
+    return Machine(
+        processor=_processor(),
+        cores=os.cpu_count() or 1,
+        system=platform.system(),
+        python=platform.python_version(),
+        versions={name: version for name in _LIBRARIES if (version := _version(name)) is not None},
+        threads={name: os.environ[name] for name in _THREADS if name in os.environ},
+    )
+
+
+def show(results: Results, console: Console | None = None) -> None:
+    """Print the tables."""
+    console = console or Console()
+    machine = results.machine
+    versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
+    console.print(f"{machine.processor}, {machine.cores} cores; Python {machine.python}; {versions}", style="dim")
+    console.print(_stepping_table(results.stepping))
+    _print_notes(console, results.stepping.notes)
+    if results.learning is not None:
+        console.print(_learning_table(results.learning))
+        _print_notes(console, results.learning.notes)
+
+
+def _stepping_table(stepping: Stepping) -> Table:
+    table = Table(title=f"{stepping.scenario}: sensor steps per second, median (min–max) of {stepping.rounds} rounds")
+    table.add_column("candidate")
+    for heading in ("environments", "per CPU second", "per wall second", "× FilterPy (CPU)", "× FilterPy (wall)"):
+        table.add_column(heading, justify="right")
+    for row in stepping.rows:
+        name = f"{row.name}\n[dim]{row.note}[/dim]" if row.note else row.name
+        measured = (row.per_cpu_second, row.per_wall_second, row.cpu_ratio, row.wall_ratio)
+        table.add_row(name, str(row.environments), *map(str, measured))
+    return table
+
+
+def _learning_table(learning: Learning) -> Table:
+    title = (
+        f"{learning.scenario}: PPO, sensor steps per second; rollout {learning.rollout}, batch {learning.batch}, "
+        f"{learning.epochs} epochs, {learning.rounds} rounds"
+    )
+    table = Table(title=title, caption=f"passloc : FilterPy = {learning.ratio}")
+    table.add_column("environment")
+    for heading in ("environments", "end to end", "collecting", "seconds per update"):
+        table.add_column(heading, justify="right")
+    for learner in learning.learners:
+        measured = (learner.per_second, learner.collecting, learner.updating)
+        table.add_row(learner.name, str(learner.environments), *map(str, measured))
+    return table
+
+
+def _print_notes(console: Console, notes: Sequence[str]) -> None:
+    for note in notes:
+        console.print(f"• {note}", style="dim")
+
+
+def _short(value: float) -> str:
+    """Three digits that matter, with a k for thousands."""
+    if value >= 1000.0:
+        return f"{_digits(value / 1000.0)}k"
+    return _digits(value)
+
+
+def _digits(value: float) -> str:
+    return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
+
+
+def _processor() -> str:
+    """The processor's name; Linux alone tells more than the architecture."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return named[0] if named else platform.processor() or platform.machine()
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return None

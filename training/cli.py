@@ -1,0 +1,97 @@
+"""The command ``passloc``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+import tyro
+
+from passloc_env.errors import InputError
+from passloc_env.scenarios import SCENARIOS, environment_id
+from training.arguments import free_path, parse_overrides, read_scenario
+from training.commands import Bench, Demo, Evaluate, List, Train
+
+Command = (
+    Annotated[List, tyro.conf.subcommand("list")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
+)
+
+_DESCRIPTION = "Localise a moving emitter that can only be heard: train agents, judge them, measure the speed."
+_INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; the exit status. Faults of the input are one line on standard error and status 2."""
+    command: Any = tyro.cli(Command, prog="passloc", args=arguments, description=_DESCRIPTION)
+    try:
+        _RUN[type(command)](command)
+    except KeyboardInterrupt:
+        print("passloc: interrupted", file=sys.stderr)
+        return _INTERRUPTED
+    except (InputError, OSError) as error:
+        print(f"passloc: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _list(arguments: List) -> None:
+    from agents import RULE_NAMES
+    from training.progress import console
+
+    for name, scenario in SCENARIOS.items():
+        sensors = ", ".join(type(sensor).__name__ for sensor in scenario.sensors)
+        pace = f"{scenario.episode.duration:5.0f} s, decides every {scenario.episode.interval:g} s"
+        console.print(f"{environment_id(name):39s} {sensors:16s} {pace}", highlight=False, soft_wrap=True)
+    console.print(f"rules: {', '.join(RULE_NAMES)}", highlight=False)
+
+
+def _train(arguments: Train) -> None:
+    from training.progress import console
+    from training.train import train
+
+    finished = train(arguments)
+    console.print(f"trained in {finished.seconds:.0f} s; the agent is in {finished.folder}")
+
+
+def _evaluate(arguments: Evaluate) -> None:
+    from agents import default_policies, find_policy
+    from training.demo import judge
+    from training.progress import console
+    from training.table import rich_table
+
+    scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
+    names = arguments.policies.split(",") if arguments.policies else default_policies(scenario)
+    policies = [find_policy(name.strip(), scenario) for name in names]
+    if arguments.episodes < 1:
+        raise InputError(f"episodes = {arguments.episodes} is not possible: must be at least 1")
+    target = None if arguments.json is None else free_path(arguments.json)
+    evaluation = judge(scenario, policies, arguments.episodes, arguments.seed)
+    console.print(rich_table(evaluation))
+    if target is not None:
+        evaluation.save(target)
+
+
+def _demo(arguments: Demo) -> None:
+    from training.demo import demo
+
+    demo(arguments)
+
+
+def _bench(arguments: Bench) -> None:
+    from training.benchmark import run
+
+    run(arguments)
+
+
+_RUN: dict[type, Callable[[Any], None]] = {
+    List: _list,
+    Train: _train,
+    Evaluate: _evaluate,
+    Demo: _demo,
+    Bench: _bench,
+}

@@ -1,0 +1,110 @@
+"""What the command line takes: one documented dataclass per subcommand. Light to import, so that help is quick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+EVALUATION_SEED = 1_000_000
+"""First evaluation seed; training seeds are at least 2⁶² (see ``passloc_env.sb3``)."""
+
+
+@dataclass(frozen=True)
+class List:
+    """List the scenarios and the rules.
+
+    Examples:
+        passloc list
+    """
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train an agent and write a run folder: configuration, learning curve, TensorBoard, agent.
+
+    Examples:
+        passloc train BearingsOnly
+        passloc train BearingsOnly --decisions 500000 --seed 3 --out runs/quick
+        passloc train BearingsOnly --override sensors.0.sigma=0.01 episode.decision_every=8
+    """
+
+    scenario: Positional[str] = "BearingsOnly"
+    """Name, Gymnasium id, or path of a scenario file (YAML or JSON)."""
+    out: Path | None = None
+    """Run folder; by default runs/SCENARIO-SEED, numbered when that exists."""
+    seed: int = 0
+    """Seed of everything random in this run."""
+    decisions: int | None = None
+    """Decisions to train for; by default as the hyperparameters say."""
+    hyperparameters: Path | None = None
+    """YAML file of hyperparameters; by default the one shipped for the scenario."""
+    override: tuple[str, ...] = ()
+    """Scenario fields to change, as dotted.name=value."""
+    quiet: bool = False
+    """No progress bar."""
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Judge policies on the same unseen episodes and print a table with 95 % intervals.
+
+    Examples:
+        passloc evaluate BearingsOnly
+        passloc evaluate BearingsOnly --policies circle,zigzag:angle=45:leg=80,runs/BearingsOnly-0 --episodes 1024
+        passloc evaluate my_scenario.yaml --json results.json
+    """
+
+    scenario: Positional[str] = "BearingsOnly"
+    """Name, Gymnasium id, or path of a scenario file (YAML or JSON)."""
+    policies: str = ""
+    """Rules and paths of trained agents, separated by commas; by default every rule. The first is the reference."""
+    episodes: int = 512
+    """Episodes per policy."""
+    seed: int = EVALUATION_SEED
+    """Seed of the first episode; the others count up from it."""
+    json: Path | None = None
+    """Also write the results here."""
+    override: tuple[str, ...] = ()
+    """Scenario fields to change, as dotted.name=value."""
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Train an agent on BearingsOnly, judge it against the rules on unseen seeds, save table and pictures.
+
+    Examples:
+        passloc demo
+        passloc demo --decisions 300000 --out runs/demo
+    """
+
+    out: Path = Path("runs/demo")
+    """Where everything goes; an earlier demo there is replaced."""
+    decisions: int | None = None
+    """Decisions to train for; by default as the hyperparameters say."""
+    episodes: int = 1024
+    """Unseen episodes per policy."""
+    seed: int = 0
+    """Seed of the training run."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure the speed beside a per-environment FilterPy environment and Stone Soup, as ratios.
+
+    Examples:
+        passloc bench
+        passloc bench --no-learning --json bench.json
+    """
+
+    sizes: tuple[int, ...] = (1, 16, 256, 1024, 4096)
+    """Batch sizes."""
+    rounds: int = 5
+    """Interleaved rounds; the medians count."""
+    seconds: float = 0.3
+    """Seconds per candidate and round."""
+    learning: bool = True
+    """Also PPO end to end."""
+    json: Path | None = None
+    """Also write the results here."""

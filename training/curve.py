@@ -1,0 +1,55 @@
+"""The learning curve: one row per rollout, written as it grows."""
+
+from __future__ import annotations
+
+import csv
+import time
+from pathlib import Path
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+
+COLUMNS = ("decisions", "seconds", "mean_return", "mean_length", "violations")
+
+
+class CurveCallback(BaseCallback):
+    """Keeps and writes wall time, decisions, return, length and violation rate of the episodes of each rollout.
+
+    Attributes:
+        rows: one dictionary per rollout, keys :data:`COLUMNS`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.rows: list[dict[str, float]] = []
+        self._path = path
+        self._episodes: list[tuple[float, float, bool]] = []
+
+    def _on_training_start(self) -> None:
+        self._begun = time.perf_counter()
+        with self._path.open("w", newline="") as file:
+            csv.writer(file).writerow(COLUMNS)
+
+    def _on_step(self) -> bool:
+        for index in np.flatnonzero(self.locals["dones"]):
+            info = self.locals["infos"][index]
+            self._episodes.append((info["episode"]["r"], info["episode"]["l"], bool(info["violated"])))
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if not self._episodes:
+            return
+        returns, lengths, violated = (np.asarray(column, float) for column in zip(*self._episodes, strict=True))
+        self._episodes.clear()
+        values = (
+            self.num_timesteps,
+            time.perf_counter() - self._begun,
+            returns.mean(),
+            lengths.mean(),
+            violated.mean(),
+        )
+        row = {name: round(float(value), 6) for name, value in zip(COLUMNS, values, strict=True)}
+        self.rows.append(row)
+        self.logger.record("rollout/violations", row["violations"])
+        with self._path.open("a", newline="") as file:
+            csv.writer(file).writerow(row.values())

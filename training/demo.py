@@ -1,0 +1,79 @@
+"""The demo: train, judge against the rules, show."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+from agents import LearnedPolicy, Policy, default_policies, find_policy
+from passloc_env.scenario import Scenario
+from passloc_env.scenarios import find
+from training.commands import Demo
+from training.evaluate import Evaluation, evaluate
+from training.hyperparameters import Hyperparameters
+from training.pictures import draw_learning_curve, draw_tracks
+from training.progress import console, progress_bar
+from training.table import markdown_table, notes, rich_table, title
+from training.train import Run, run
+
+_SCENARIO = "BearingsOnly"
+_SHOWN = ("straight", "circle", "zigzag:angle=60")
+"""Rules drawn beside the agent."""
+
+
+def demo(arguments: Demo) -> Evaluation:
+    """Train a few minutes, evaluate on unseen seeds, print the table, save it and the pictures."""
+    scenario = find(_SCENARIO)
+    parameters = Hyperparameters.for_scenario(scenario.name)
+    if arguments.decisions is not None:
+        parameters = dataclasses.replace(parameters, decisions=arguments.decisions)
+    folder = _fresh_folder(arguments.out)
+    console.print(f"1/3 training PPO for {parameters.decisions:,} decisions on {scenario.name} …")
+    finished = run(scenario, parameters, folder, arguments.seed)
+    console.print(f"    {finished.seconds:.0f} s; the agent is in {folder}")
+
+    console.print(f"2/3 judging it against the rules on {arguments.episodes} unseen episodes …")
+    agent = LearnedPolicy(finished.agent, name="learned (PPO)")
+    rules = [find_policy(name, scenario) for name in default_policies(scenario)]
+    evaluation = judge(scenario, [agent, *rules], arguments.episodes)
+    console.print(rich_table(evaluation))
+
+    console.print("3/3 drawing …")
+    for path in _save(folder, finished, evaluation, agent, scenario):
+        console.print(f"    {path}")
+    return evaluation
+
+
+def judge(scenario: Scenario, policies: list[Policy], episodes: int, seed: int | None = None) -> Evaluation:
+    """Evaluate with a progress bar."""
+    with progress_bar("episodes") as bar:
+        task = bar.add_task("judging", total=episodes * len(policies))
+
+        def advance(policy: str, done: int) -> None:
+            bar.update(task, advance=done, description=f"judging {policy}")
+
+        seeds = {} if seed is None else {"seed": seed}
+        return evaluate(scenario, policies, episodes, progress=advance, **seeds)
+
+
+def _save(folder: Path, finished: Run, evaluation: Evaluation, agent: LearnedPolicy, scenario: Scenario) -> list[Path]:
+    """Write table, results and pictures; what was written."""
+    table, results = folder / "table.md", folder / "evaluation.json"
+    table.write_text(f"{title(evaluation)}\n\n{markdown_table(evaluation)}\n{notes(evaluation)}\n", encoding="utf-8")
+    evaluation.save(results)
+    tracks, curve = folder / "tracks.png", folder / "learning_curve.png"
+    draw_tracks(scenario, [agent, *(find_policy(name, scenario) for name in _SHOWN)], evaluation.seed, tracks)
+    draw_learning_curve(finished, evaluation, curve)
+    return [table, results, tracks, curve]
+
+
+def _fresh_folder(folder: Path) -> Path:
+    """An empty folder; only what an earlier demo wrote is removed."""
+    marker = folder / "config.json"
+    if folder.exists() and any(folder.iterdir()):
+        if not marker.exists():
+            raise FileExistsError(f"{folder} is not empty and holds no earlier demo: name another folder with --out")
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

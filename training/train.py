@@ -1,0 +1,192 @@
+"""Training PPO on the native vector environment; ``passloc train`` and ``python -m training.train``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
+from agents.agent_file import AgentFile
+from passloc_env.sb3 import make_vec_env
+from passloc_env.scenario import Scenario
+from passloc_env.spaces import observation_names
+from training.arguments import parse_overrides, read_scenario
+from training.commands import Train
+from training.curve import CurveCallback
+from training.hyperparameters import Hyperparameters
+from training.progress import ProgressCallback
+from training.provenance import provenance
+
+
+@dataclass
+class Run:
+    """A finished training run."""
+
+    folder: Path
+    agent: AgentFile
+    seconds: float
+    curve: list[dict[str, float]] = field(repr=False, default_factory=list)
+
+
+class ScaledReward(VecEnvWrapper):
+    """Multiplies the reward for the learner; episode returns in the infos stay as they are."""
+
+    def __init__(self, venv: VecEnv, scale: float) -> None:
+        super().__init__(venv)
+        self._scale = scale
+
+    def reset(self) -> Any:
+        """Begin new episodes."""
+        return self.venv.reset()
+
+    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """The step with its reward scaled."""
+        observation, reward, done, infos = self.venv.step_wait()
+        return observation, reward * np.float32(self._scale), done, infos
+
+
+def train(arguments: Train) -> Run:
+    """Train as the arguments say.
+
+    Raises:
+        ScenarioError: an unknown scenario or field, or an impossible value.
+        HyperparameterError: unusable hyperparameters.
+        FileExistsError: the run folder already holds a run.
+    """
+    scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
+    parameters = _parameters(arguments, scenario)
+    folder = _new_folder(arguments.out, f"{scenario.name}-{arguments.seed}")
+    return run(scenario, parameters, folder, arguments.seed, quiet=arguments.quiet)
+
+
+def run(scenario: Scenario, parameters: Hyperparameters, folder: Path, seed: int, quiet: bool = False) -> Run:
+    """Train one agent into an existing, empty folder."""
+    torch.set_num_threads(1)
+    trained = scenario.override(parameters.overrides)
+    _write_configuration(folder, trained, parameters, seed)
+    env = ScaledReward(
+        make_vec_env(trained, parameters.environments, seed=seed, bootstrap_time_limit=False), parameters.reward_scale
+    )
+    model = build_ppo(env, parameters, seed)
+    model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
+    curve = CurveCallback(folder / "curve.csv")
+    callbacks: list[BaseCallback] = [curve]
+    if not quiet:
+        callbacks.append(ProgressCallback(scenario.name, parameters.decisions))
+    begun = time.perf_counter()
+    model.learn(parameters.decisions, callback=CallbackList(callbacks))
+    seconds = time.perf_counter() - begun
+    agent = _agent(model, trained, parameters, seed, seconds)
+    agent.save(folder)
+    env.close()
+    return Run(folder, agent, seconds, curve.rows)
+
+
+def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> PPO:
+    """PPO with separate actor and critic, tanh layers and a linearly falling learning rate."""
+    return PPO(
+        "MlpPolicy",
+        env,
+        n_steps=parameters.rollout,
+        batch_size=parameters.batch_size,
+        n_epochs=parameters.epochs,
+        learning_rate=lambda remaining: parameters.learning_rate * remaining,
+        gamma=parameters.discount,
+        gae_lambda=parameters.trace_decay,
+        ent_coef=parameters.entropy,
+        policy_kwargs={"net_arch": list(parameters.network), "log_std_init": parameters.initial_log_sigma},
+        seed=seed,
+        device="cpu",
+    )
+
+
+def _agent(model: PPO, scenario: Scenario, parameters: Hyperparameters, seed: int, seconds: float) -> AgentFile:
+    """The trained networks with their card."""
+    policy = model.policy
+    stacks = {
+        "actor": [*policy.mlp_extractor.policy_net, policy.action_net],
+        "critic": [*policy.mlp_extractor.value_net, policy.value_net],
+    }
+    weights: dict[str, np.ndarray] = {}
+    architecture: dict[str, list[int]] = {}
+    for network, modules in stacks.items():
+        layers = [module for module in modules if isinstance(module, torch.nn.Linear)]
+        architecture[network] = [layers[0].in_features, *(layer.out_features for layer in layers)]
+        for index, layer in enumerate(layers):
+            weights[f"{network}.{index}.weight"] = layer.weight.detach().numpy().copy()
+            weights[f"{network}.{index}.bias"] = layer.bias.detach().numpy().copy()
+    card = {
+        "architecture": architecture,
+        "observation": list(observation_names(scenario)),
+        "scenario": scenario.to_dict(),
+        "training": {
+            "algorithm": "PPO",
+            "seed": seed,
+            "decisions": model.num_timesteps,
+            "seconds": round(seconds, 1),
+            "hyperparameters": dataclasses.asdict(parameters),
+            **provenance(sys.argv),
+        },
+    }
+    return AgentFile(weights, json.loads(json.dumps(card)))
+
+
+def _parameters(arguments: Train, scenario: Scenario) -> Hyperparameters:
+    if arguments.hyperparameters is not None:
+        parameters = Hyperparameters.load(arguments.hyperparameters)
+    else:
+        parameters = Hyperparameters.for_scenario(scenario.name)
+    if arguments.decisions is not None:
+        parameters = dataclasses.replace(parameters, decisions=arguments.decisions)
+    return parameters
+
+
+def _new_folder(wanted: Path | None, name: str) -> Path:
+    """Make the run folder; one that already holds a run is never written into."""
+    if wanted is not None:
+        if wanted.exists() and any(wanted.iterdir()):
+            raise FileExistsError(f"{wanted} is not empty: name another folder with --out")
+        wanted.mkdir(parents=True, exist_ok=True)
+        return wanted
+    number = 0
+    while True:
+        folder = Path("runs") / (name if number == 0 else f"{name}.{number}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        else:
+            return folder
+
+
+def _write_configuration(folder: Path, scenario: Scenario, parameters: Hyperparameters, seed: int) -> None:
+    configuration = {
+        "scenario": scenario.to_dict(),
+        "hyperparameters": dataclasses.asdict(parameters),
+        "seed": seed,
+        "provenance": provenance(sys.argv),
+    }
+    text = json.dumps(configuration, indent=2, ensure_ascii=False) + "\n"
+    (folder / "config.json").write_text(text, encoding="utf-8")
+
+
+def main() -> None:
+    """``python -m training.train``: the same as ``passloc train``."""
+    from training.cli import main as command_line
+
+    sys.exit(command_line(["train", *sys.argv[1:]]))
+
+
+if __name__ == "__main__":
+    main()
