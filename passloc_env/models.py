@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from passloc_env.dynamics import Dynamics
 from passloc_env.layout import StateLayout
 from passloc_env.motion import Motion
@@ -20,21 +22,33 @@ def state_layout(scenario: Scenario, motion: Motion) -> StateLayout:
 class ScenarioModels:
     """What moves and what is heard, three times: in truth, as the tracker believes, and as the bound counts.
 
+    Args:
+        realised: the scenario with this episode's numbers.
+        random: dotted names of its random quantities.
+
     Attributes:
         suite: the sensors, shared by all three.
         truth, tracker, bound: state layout and dynamics of each.
         truth_nuisances, tracker_nuisances, bound_nuisances: the nuisance states in each layout.
+        volatile: whether matrices hold random numbers, and must be built again when these are drawn anew.
     """
 
-    def __init__(self, realised: Scenario, dense: bool) -> None:
-        self._scenario, self._dense = realised, dense
-        self.suite = SensorSuite(realised.sensors, dense=dense)
-        self.truth, self.truth_nuisances = self._build(realised.target.motion)
-        self.tracker, self.tracker_nuisances = self._build(realised.tracker.motion)
-        self.bound, self.bound_nuisances = self._build(realised.bound.motion)
+    def __init__(self, realised: Scenario, random: Collection[str]) -> None:
+        self._scenario, self._random = realised, random
+        self.suite = SensorSuite(realised.sensors, dense=self._is_random("sensors"))
+        self.volatile = self._is_random("sensors")
+        self.truth, self.truth_nuisances = self._build("target.motion", realised.target.motion)
+        self.tracker, self.tracker_nuisances = self._build("tracker.motion", realised.tracker.motion)
+        self.bound, self.bound_nuisances = self._build("bound.motion", realised.bound.motion)
 
-    def _build(self, motion: Motion) -> tuple[Models, tuple[Nuisance, ...]]:
+    def _is_random(self, prefix: str) -> bool:
+        return any(name.startswith(prefix) for name in self._random)
+
+    def _build(self, where: str, motion: Motion) -> tuple[Models, tuple[Nuisance, ...]]:
         layout = state_layout(self._scenario, motion)
         states = motion.nuisances + nuisances(self._scenario.sensors)
-        dynamics = Dynamics(motion, layout, self._scenario.episode.period, states, dense=self._dense)
+        # A walking nuisance of a random sensor sits in every process noise.
+        dense = self._is_random(where) or self._is_random("sensors")
+        dynamics = Dynamics(motion, layout, self._scenario.episode.period, states, dense=dense)
+        self.volatile |= dense and (dynamics.linear or dynamics.noise_size > 0)
         return Models(layout, dynamics, self.suite), states

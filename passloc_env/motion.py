@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.angles import direction
 from passloc_env.arrays import Array, Number
 from passloc_env.component import Component
 from passloc_env.errors import ScenarioError
@@ -207,17 +206,29 @@ def _turn_coefficients(rate: Array, period: float) -> tuple[Array, Array, Array,
 
 def sinc(x: Array) -> Array:
     """``sin(x)/x``, 1 at zero: the spherical Bessel function j₀."""
-    safe = np.where(x == 0.0, 1.0, x)
-    return np.where(x == 0.0, 1.0, np.sin(safe) / safe)
+    return _sinc(x, np.sin(x))
+
+
+def _sinc(x: Array, sine: Array) -> Array:
+    still = x == 0.0
+    return np.where(still, 1.0, sine / np.where(still, 1.0, x))
 
 
 def spherical_j1(x: Array) -> Array:
     """``(sin x − x cos x)/x²``, the spherical Bessel function j₁, by its series where the formula cancels."""
+    return _spherical_j1(x, np.sin(x), np.cos(x))
+
+
+def _spherical_j1(x: Array, sine: Array, cosine: Array) -> Array:
     small = np.abs(x) < 0.05
-    safe = np.where(small, 1.0, x)
     square = x * x
     series = x / 3.0 * (1.0 - square / 10.0 * (1.0 - square / 28.0 * (1.0 - square / 54.0)))
-    return np.where(small, series, (np.sin(safe) - safe * np.cos(safe)) / (safe * safe))
+    return np.where(small, series, (sine - x * cosine) / np.where(small, 1.0, square))
+
+
+def _turned(vector: Array, sine: Array, cosine: Array) -> Array:
+    """A planar vector ``(2, N)`` turned to starboard."""
+    return np.stack([cosine * vector[0] + sine * vector[1], cosine * vector[1] - sine * vector[0]])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,17 +293,17 @@ class Manoeuvre(Motion):
         gain = 0.5 * period * self.acceleration * accelerating
         half = 0.5 * period * self.turn_rate * turning
 
+        d = layout.dimension
         moved = state + 0.0
         moved[layout.position] += period * state[layout.velocity]
-        east, north = state[layout.dimension], state[layout.dimension + 1]
-        speed = np.maximum(np.hypot(east, north), 1e-9)
-        course = np.arctan2(east, north)
-        middle = direction(course + half)
+        velocity = state[d : d + 2]
+        speed = np.maximum(np.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1]), 1e-9)
+        sine, cosine = np.sin(half), np.cos(half)
+        middle = _turned(velocity / speed, sine, cosine)
         sideways = np.stack([middle[1], -middle[0]])
-        chord = (speed + gain) * sinc(half)
-        moved[:2] = state[:2] + period * (chord * middle + gain * spherical_j1(half) * sideways)
-        velocity = slice(layout.dimension, layout.dimension + 2)
-        moved[velocity] = (speed + 2.0 * gain) * direction(course + 2.0 * half)
+        along, across = (speed + gain) * _sinc(half, sine), gain * _spherical_j1(half, sine, cosine)
+        moved[:2] = state[:2] + period * (along * middle + across * sideways)
+        moved[d : d + 2] = (speed + 2.0 * gain) * _turned(middle, sine, cosine)
         return moved
 
     def noise_gain(self, layout: StateLayout, period: float) -> Array:

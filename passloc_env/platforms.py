@@ -198,8 +198,9 @@ class TurnLimitedPlatform(Platform):
             raise ScenarioError("max_turn_rate", self.max_turn_rate, "must be finite with control 'turn_rate'")
 
     def start(self, environments: int) -> Array:
-        """East, north, heading, turn rate: ``(4, N)``."""
-        return stack((*self.position, self.heading, 0.0), environments)
+        """East, north, heading, turn rate, and the forward axis ``(6, N)``."""
+        heading = np.asarray(self.heading, float)
+        return stack((*self.position, heading, 0.0, np.sin(heading), np.cos(heading)), environments)
 
     def set_point(self, state: Array, action: Array, line_of_sight: Array) -> Array:
         """A heading, or a turn rate, ``(1, N)``."""
@@ -239,8 +240,9 @@ class TurnLimitedPlatform(Platform):
         moved[:2] = state[:2] + chord * middle + self.speed * (period - arc) * final
         moved[2] = wrap(heading + turn)
         moved[3] = rate
+        moved[4:] = final
         return moved
 
     def pose(self, state: Array) -> PlanarPose:
         """Pose with heading; the acceleration is that of the turn at this instant."""
-        return PlanarPose(state[:2], self.speed * direction(state[2]), state[2], state[3])
+        return PlanarPose(state[:2], self.speed * state[4:], state[2], state[3])

@@ -12,9 +12,6 @@ from passloc_env.component import Component, specs
 from passloc_env.distributions import Distribution
 from passloc_env.fields import Part, Parts, Quantity, Vector
 
-_MODEL_FIELDS = ("sensors", "tracker", "bound", "target.motion")
-"""Parts of a scenario from which matrices are built ahead of time."""
-
 
 class Randomisation:
     """A scenario whose distributions have become arrays ``(N,)``, refilled in place at every reset.
@@ -25,14 +22,14 @@ class Randomisation:
     Attributes:
         realised: the component with arrays in place of distributions.
         size: uniform draws per episode.
-        touches_models: whether any number that matrices are built from is random.
+        random: dotted names of the random quantities, list positions left out.
     """
 
     def __init__(self, component: Component, environments: int) -> None:
         self._environments = environments
         self._slots: list[tuple[int, Distribution, Array]] = []
         self.size = 0
-        self.touches_models = False
+        self.random: set[str] = set()
         self.realised = self._realise(component, "")
 
     def sample(self, columns: IntArray, uniforms: Array) -> None:
@@ -66,7 +63,7 @@ class Randomisation:
             return value
         values = np.full(self._environments, value.support[1])
         self._slots.append((index, value, values))
-        self.touches_models |= where.startswith(_MODEL_FIELDS)
+        self.random.add(where)
         return values
 
 

@@ -18,50 +18,47 @@ from passloc_env.fields import abstract, quantity
 from passloc_env.information import Information, sigma_along
 from passloc_env.layout import StateLayout
 from passloc_env.metrics import log_range_bound, nees, relative_range_error
-from passloc_env.platforms import Pose
+from passloc_env.sightline import Scene
 
 
 class Outcome:
     """What one sensor step came to, for rewards, metrics and diagnostics; every quantity is computed on first use.
 
     Attributes:
-        truth: true state ``(n, N)`` in ``truth_layout``.
+        scene: the true emitter seen from the true poses.
+        own_ship: index of the platform from which range and line of sight are taken.
         mean, covariance: the tracker's belief in ``layout``.
-        pose: true pose of the own ship.
+        information: the bound.
         action: the action in force ``(a, N)``.
+        min_range: the keep-out radius, m.
     """
 
     def __init__(
         self,
-        truth: Array,
-        truth_layout: StateLayout,
+        scene: Scene,
+        own_ship: int,
         mean: Array,
         covariance: Array,
         layout: StateLayout,
-        pose: Pose,
         information: Information,
         action: Array,
         min_range: float,
     ) -> None:
-        self.truth, self.truth_layout = truth, truth_layout
+        self.scene, self.pose = scene, scene.poses[own_ship]
+        self._sightline = scene.sightline(own_ship)
         self.mean, self.covariance, self.layout = mean, covariance, layout
-        self.pose, self.information, self.action, self.min_range = pose, information, action, min_range
+        self.information, self.action, self.min_range = information, action, min_range
 
-    @cached_property
-    def offset(self) -> Array:
-        """True position relative to the own ship ``(d, N)``, m."""
-        return self.truth[self.truth_layout.position] - self.pose.position
-
-    @cached_property
+    @property
     def range(self) -> Array:
         """True range ``(N,)``, m."""
-        return np.maximum(np.sqrt((self.offset * self.offset).sum(axis=0)), 1e-3)
+        return self._sightline.range
 
     @cached_property
     def range_sigma(self) -> Array:
         """Posterior Cramér–Rao bound on the range, ``√(uᵀ C u)`` along the true line of sight ``(N,)``, m."""
         position = self.information.dynamics.layout.position
-        return sigma_along(self.information.bound[position, position], self.offset / self.range)
+        return sigma_along(self.information.bound[position, position], self._sightline.direction)
 
     @cached_property
     def log_range_bound(self) -> Array:
@@ -71,7 +68,7 @@ class Outcome:
     @cached_property
     def position_error(self) -> Array:
         """Estimated minus true position ``(d, N)``, m."""
-        return self.mean[self.layout.position] - self.truth[self.truth_layout.position]
+        return self.mean[self.layout.position] - self.scene.state[self.scene.layout.position]
 
     @cached_property
     def relative_range_error(self) -> Array:
@@ -81,9 +78,9 @@ class Outcome:
     @cached_property
     def nees(self) -> Array:
         """Normalised estimation error squared over the states that truth and tracker share ``(N,)``."""
-        shared = _shared_rows(self.layout, self.truth_layout)
+        shared = _shared_rows(self.layout, self.scene.layout)
         theirs = [row for row, _ in shared]
-        error = self.mean[theirs] - self.truth[[row for _, row in shared]]
+        error = self.mean[theirs] - self.scene.state[[row for _, row in shared]]
         return nees(error, self.covariance[np.ix_(theirs, theirs)])
 
     @cached_property

@@ -81,23 +81,23 @@ class Simulation:
         self.models.truth.dynamics.disturb(self.truth, self._process_noise())
         self.step_count += 1
 
-        poses, reported = self.poses(), self.reported_poses()
-        measurement, detected = self.measure(poses)
+        scene, reported = self.scene(), self.reported_poses()
+        measurement, detected = self.measure(scene)
         self.track.predict(time)
         self.track.update(measurement, reported, detected)
         self._restart_where_broken(measurement, reported)
 
         self.information.advance()
-        self._inform(poses, detected)
-        self._score(poses)
+        self._inform(scene, detected)
+        self._score(scene)
         for watch in self.watchers:
             watch(self)
 
-    def measure(self, poses: list[Pose]) -> tuple[Array, BoolArray | None]:
-        """The noisy measurement ``(m, N)`` of the present truth, and what of it was detected (None: all)."""
+    def measure(self, scene: Scene) -> tuple[Array, BoolArray | None]:
+        """The noisy measurement ``(m, N)`` of the true scene, and what of it was detected (None: all)."""
         suite = self.models.suite
         step = np.minimum(self.step_count, self.scenario.episode.steps)
-        measurement = suite.measure(Scene(self.truth, self.models.truth.layout, poses))
+        measurement = suite.measure(scene)
         measurement += suite.noise(self.noise.measurement(step))
         suite.wrap(measurement)
         detected = suite.detected(self.noise.detection(step)) if suite.may_miss else None
@@ -106,11 +106,11 @@ class Simulation:
     def _process_noise(self) -> Array:
         return self.noise.process(np.minimum(self.step_count, self.scenario.episode.steps - 1))
 
-    def _inform(self, poses: list[Pose], detected: BoolArray | None) -> None:
+    def _inform(self, scene: Scene, detected: BoolArray | None) -> None:
         """Account for what the measurement tells at the true geometry."""
-        layout = self.models.bound.layout
-        scene = Scene(layout.convert(self.truth, self.models.truth.layout), layout, poses)
-        suite = self.models.suite
+        layout, suite = self.models.bound.layout, self.models.suite
+        if layout != scene.layout:
+            scene = Scene(layout.convert(scene.state, scene.layout), layout, scene.poses)
         self.information.absorb(suite.jacobian(scene), suite.noise_covariance, detected)
 
     def _decide(self, action: Array) -> None:
@@ -130,9 +130,9 @@ class Simulation:
         for total in self.reward_terms.values():
             total[...] = 0.0
 
-    def _score(self, poses: list[Pose]) -> None:
+    def _score(self, scene: Scene) -> None:
         """Add this step's share of the decision's reward and keep the flags."""
-        self.outcome = self.look(poses[self.scenario.own_ship])
+        self.outcome = self.look(scene)
         share = 1.0 / self.scenario.episode.decision_every
         for term in self.scenario.reward:
             value = term.score(self.outcome) * share
@@ -144,18 +144,17 @@ class Simulation:
         self.breached |= self.violated
         self.lost[...] = ~(self.outcome.relative_range_error <= self.scenario.episode.lost_error)
 
-    def look(self, own_pose: Pose) -> Outcome:
-        """What the present state comes to, seen from the own ship's true pose."""
+    def look(self, scene: Scene) -> Outcome:
+        """What the true scene and the present belief come to."""
         return Outcome(
-            self.truth,
-            self.models.truth.layout,
-            self.track.mean,
-            self.track.covariance,
-            self.models.tracker.layout,
-            own_pose,
-            self.information,
-            self.action,
-            self.scenario.episode.min_range,
+            scene=scene,
+            own_ship=self.scenario.own_ship,
+            mean=self.track.mean,
+            covariance=self.track.covariance,
+            layout=self.models.tracker.layout,
+            information=self.information,
+            action=self.action,
+            min_range=self.scenario.episode.min_range,
         )
 
     @property
@@ -206,6 +205,10 @@ class Simulation:
         pairs = zip(self.realised.platforms, self.platform_states, strict=True)
         return [platform.reported_pose(state) for platform, state in pairs]
 
+    def scene(self) -> Scene:
+        """The true emitter seen from the true poses."""
+        return Scene(self.truth, self.models.truth.layout, self.poses())
+
     def reset(self, columns: IntArray, generators: Sequence[np.random.Generator]) -> None:
         """Begin new episodes in the given environments, one generator each, in the order of ``columns``."""
         if not len(columns):
@@ -213,19 +216,17 @@ class Simulation:
         for column, generator in zip(columns, generators, strict=True):
             self.noise.draw(int(column), generator)
         self._randomisation.sample(columns, self.noise.uniforms[:, columns])
-        if self._randomisation.touches_models:
-            self.models = self._build_models()
-            self.track.models, self.information.dynamics = self.models.tracker, self.models.bound.dynamics
+        self._rebuild_models()
         self._place(columns)
         for values in (self.step_count, self.reward, self.violated, self.breached, self.lost):
             values[columns] = 0
         for total in self.reward_terms.values():
             total[columns] = 0.0
         self.action[:, columns] = 0.0
-        poses, reported = self.poses(), self.reported_poses()
-        measurement, _ = self.measure(poses)
-        self._start_tracking(columns, measurement, reported)
-        self.outcome = self.look(poses[self.scenario.own_ship])
+        scene = self.scene()
+        measurement, _ = self.measure(scene)
+        self._start_tracking(columns, measurement, self.reported_poses())
+        self.outcome = self.look(scene)
 
     def _place(self, columns: IntArray) -> None:
         """Put emitter and platforms where the episode begins."""
@@ -276,7 +277,13 @@ class Simulation:
         )
 
     def _build_models(self) -> ScenarioModels:
-        return ScenarioModels(self.realised, dense=self._randomisation.touches_models)
+        return ScenarioModels(self.realised, self._randomisation.random)
+
+    def _rebuild_models(self) -> None:
+        """Let matrices follow the numbers in force."""
+        if self.models.volatile:
+            self.models = self._build_models()
+            self.track.models, self.information.dynamics = self.models.tracker, self.models.bound.dynamics
 
     @property
     def _prior_normals(self) -> int:
@@ -321,7 +328,5 @@ class Simulation:
         """Put back columns of the state saved from :meth:`state_arrays`; models follow the restored numbers."""
         for name, live in self.state_arrays().items():
             live[..., columns] = arrays[name][..., columns]
-        if self._randomisation.touches_models:
-            self.models = self._build_models()
-            self.track.models, self.information.dynamics = self.models.tracker, self.models.bound.dynamics
-        self.outcome = self.look(self.poses()[self.scenario.own_ship])
+        self._rebuild_models()
+        self.outcome = self.look(self.scene())

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from passloc_env import SCENARIOS
+
 if TYPE_CHECKING:
     from training.benchmark.report import Results
 
@@ -50,6 +52,8 @@ class Bench:
         for name in ("rounds", "learning_rounds", "peer_steps"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} = {getattr(self, name)} is not possible: must be at least 1")
+        if self.seconds <= 0.0:
+            raise ValueError(f"seconds = {self.seconds} is not possible: must be above 0")
         if any(size < 1 for size in self.sizes):
             raise ValueError(f"sizes = {self.sizes} is not possible: each must be at least 1")
 
@@ -73,12 +77,11 @@ def run(arguments: Bench) -> Results:
     """Measure, and write the JSON file when one is asked for.
 
     Raises:
-        OSError: the file cannot be written; told before measuring.
+        FileNotFoundError: the file's folder does not exist; told before measuring.
     """
-    if arguments.json is not None:
-        arguments.json.open("a", encoding="utf-8").close()
+    if arguments.json is not None and not arguments.json.absolute().parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {arguments.json.absolute().parent}")
     # FilterPy, Stable-Baselines3 and PyTorch take seconds to import: not before they are wanted.
-    from passloc_env import SCENARIOS
     from training.benchmark.harness import measure_stepping
     from training.benchmark.report import Results, this_machine
 

@@ -189,5 +189,6 @@ class FilterPyEnv(gymnasium.Env[np.ndarray, np.ndarray]):
                 [1.0 - self._step_count / episode.steps, self._action],
             ]
         )
-        features = np.clip(features, -OBSERVATION_LIMIT, OBSERVATION_LIMIT)
-        return np.nan_to_num(features, nan=0.0).astype(np.float32)
+        np.clip(features, -OBSERVATION_LIMIT, OBSERVATION_LIMIT, out=features)
+        features[np.isnan(features)] = 0.0
+        return features.astype(np.float32)

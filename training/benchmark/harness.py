@@ -203,7 +203,7 @@ def _candidates(scenario: Scenario, sizes: Sequence[int]) -> tuple[list[Candidat
 def _slice(candidate: Candidate, seconds: float) -> Slice:
     steps = 0
     cpu, wall = time.process_time(), time.perf_counter()
-    while time.perf_counter() - wall < seconds:
+    while steps == 0 or time.perf_counter() - wall < seconds:
         steps += candidate.step()
     return Slice(steps, time.process_time() - cpu, time.perf_counter() - wall)
 

@@ -114,7 +114,7 @@ class BoundRecursion:
 
     def start(self, prior: Array) -> None:
         """Begin from the prior covariance at the truth ``(4, 4)``."""
-        self.covariance = prior
+        self.covariance: np.ndarray = prior
         self._gramian = np.linalg.inv(prior)
         self.gram_gain = 0.0
 

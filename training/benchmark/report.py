@@ -192,29 +192,31 @@ def show(results: Results, console: Console | None = None) -> None:
 
 
 def _stepping_table(stepping: Stepping) -> Table:
-    table = Table(title=f"{stepping.scenario}: sensor steps per second, median (min–max) of {stepping.rounds} rounds")
+    table = Table(
+        title=f"{stepping.scenario}: sensor steps per second, median and (min–max) of {stepping.rounds} rounds"
+    )
     table.add_column("candidate")
-    for heading in ("environments", "per CPU second", "per wall second", "× FilterPy (CPU)", "× FilterPy (wall)"):
-        table.add_column(heading, justify="right")
+    for heading in ("N", "per CPU s", "per wall s", "× FilterPy, CPU", "× FilterPy, wall"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in stepping.rows:
-        name = f"{row.name}\n[dim]{row.note}[/dim]" if row.note else row.name
-        measured = (row.per_cpu_second, row.per_wall_second, row.cpu_ratio, row.wall_ratio)
-        table.add_row(name, str(row.environments), *map(str, measured))
+        rates = (_short(row.per_cpu_second.median), _short(row.per_wall_second.median))
+        name = f"{row.name} ({row.note})" if row.note else row.name
+        table.add_row(name, str(row.environments), *rates, str(row.cpu_ratio), str(row.wall_ratio))
     return table
 
 
 def _learning_table(learning: Learning) -> Table:
     title = (
-        f"{learning.scenario}: PPO, sensor steps per second; rollout {learning.rollout}, batch {learning.batch}, "
-        f"{learning.epochs} epochs, {learning.rounds} rounds"
+        f"{learning.scenario}: sensor steps per second of PPO, median of {learning.rounds} rounds\n"
+        f"rollout {learning.rollout}, batch {learning.batch}, {learning.epochs} epochs"
     )
     table = Table(title=title, caption=f"passloc : FilterPy = {learning.ratio}")
     table.add_column("environment")
-    for heading in ("environments", "end to end", "collecting", "seconds per update"):
-        table.add_column(heading, justify="right")
+    for heading in ("N", "end to end", "collecting", "s per update"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for learner in learning.learners:
         measured = (learner.per_second, learner.collecting, learner.updating)
-        table.add_row(learner.name, str(learner.environments), *map(str, measured))
+        table.add_row(learner.name, str(learner.environments), *(_short(each.median) for each in measured))
     return table
 
 
