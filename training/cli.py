@@ -71,7 +71,7 @@ def _evaluate(arguments: Evaluate) -> None:
         raise InputError(f"episodes = {arguments.episodes} is not possible: must be at least 1")
     target = None if arguments.json is None else free_path(arguments.json)
     evaluation = judge(scenario, policies, arguments.episodes, arguments.seed)
-    console.print(rich_table(evaluation))
+    console.print(rich_table(evaluation, console.width))
     if target is not None:
         evaluation.save(target)
 

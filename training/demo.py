@@ -37,7 +37,7 @@ def demo(arguments: Demo) -> Evaluation:
     agent = LearnedPolicy(finished.agent, name="learned (PPO)")
     rules = [find_policy(name, scenario) for name in default_policies(scenario)]
     evaluation = judge(scenario, [agent, *rules], arguments.episodes)
-    console.print(rich_table(evaluation))
+    console.print(rich_table(evaluation, console.width))
 
     console.print("3/3 drawing …")
     for path in _save(folder, finished, evaluation, agent, scenario):

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from rich.box import SIMPLE
 from rich.table import Table
 
 from training.evaluate import Evaluation, Verdict
 from training.statistics import Estimate
 
 _HEADLINE = "log range bound"
+_WIDE = 110
+_LEADING = 6
+"""Columns that an 80-character terminal has room for."""
 
 
 def _interval(estimate: Estimate, digits: int, scale: float = 1.0) -> str:
@@ -50,13 +54,14 @@ def notes(evaluation: Evaluation) -> str:
     )
 
 
-def rich_table(evaluation: Evaluation) -> Table:
-    """The evaluation for the terminal, best policy first."""
-    table = Table(title=title(evaluation), caption=notes(evaluation), caption_justify="left")
-    for name in COLUMNS:
-        table.add_column(name, justify="left" if name == "policy" else "right", no_wrap=name == "policy")
+def rich_table(evaluation: Evaluation, width: int) -> Table:
+    """The evaluation for a terminal of a given width, best policy first; narrow ones get the leading columns."""
+    names = list(COLUMNS) if width >= _WIDE else list(COLUMNS)[:_LEADING]
+    table = Table(title=title(evaluation), caption=notes(evaluation), caption_justify="left", box=SIMPLE, expand=False)
+    for name in names:
+        table.add_column(name, justify="left" if name == "policy" else "right")
     for verdict in ranked(evaluation):
-        table.add_row(*(write(verdict) for write in COLUMNS.values()))
+        table.add_row(*(COLUMNS[name](verdict).replace(" [", "\n[").replace(", ", ",") for name in names))
     return table
 
 

@@ -8,79 +8,44 @@ round, which a machine's drifting speed leaves alone.
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from passloc_env import SCENARIOS
+from passloc_env.errors import InputError
+from training.arguments import free_path
+from training.commands import Bench
 
 if TYPE_CHECKING:
     from training.benchmark.report import Results
 
-__all__ = ["Bench", "main", "run"]
+__all__ = ["Bench", "command", "measure", "run"]
 
 
-@dataclass(frozen=True)
-class Bench:
-    """Measure sensor steps per second; nothing else should run on the machine meanwhile."""
+def run(arguments: Bench, date: str | None = None) -> Results:
+    """Measure, print the tables, and write the JSON file when one is asked for.
 
-    sizes: tuple[int, ...] = (1, 16, 256, 1024, 4096)
-    """Numbers of environments for the vector environment."""
-
-    rounds: int = 7
-    """Turns of each candidate."""
-
-    seconds: float = 0.5
-    """Length of each turn, s; below 0.2 the ratios get noisy."""
-
-    learning: bool = True
-    """Also measure PPO end to end, on both sides."""
-
-    learning_rounds: int = 3
-    """Turns of each side in learning."""
-
-    peer_steps: int = 60
-    """Decisions that each FilterPy environment collects in a turn of learning; 1024 makes the whole rollout."""
-
-    json: Path | None = None
-    """Where to write all numbers as JSON."""
-
-    date: str | None = None
-    """A date to put into the results."""
-
-    def __post_init__(self) -> None:
-        for name in ("rounds", "learning_rounds", "peer_steps"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} = {getattr(self, name)} is not possible: must be at least 1")
-        if self.seconds <= 0.0:
-            raise ValueError(f"seconds = {self.seconds} is not possible: must be above 0")
-        if any(size < 1 for size in self.sizes):
-            raise ValueError(f"sizes = {self.sizes} is not possible: each must be at least 1")
-
-    @property
-    def command(self) -> str:
-        """The command line that repeats the measurement, without the file it writes and the date."""
-        words = ["passloc bench"]
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if field.name in ("json", "date") or value == field.default:
-                continue
-            if isinstance(value, bool):
-                words.append(f"--{'' if value else 'no-'}{field.name}")
-            else:
-                values = value if isinstance(value, tuple) else (value,)
-                words.append(f"--{field.name.replace('_', '-')} {' '.join(map(str, values))}")
-        return " ".join(words)
-
-
-def run(arguments: Bench) -> Results:
-    """Measure, and write the JSON file when one is asked for.
+    Args:
+        arguments: what to measure, and how long.
+        date: to be put into the results.
 
     Raises:
-        FileNotFoundError: the file's folder does not exist; told before measuring.
+        InputError: a number that is not possible.
+        FileNotFoundError: the folder of the JSON file does not exist; told before measuring.
     """
-    if arguments.json is not None and not arguments.json.absolute().parent.is_dir():
-        raise FileNotFoundError(f"there is no folder {arguments.json.absolute().parent}")
+    path = None if arguments.json is None else free_path(arguments.json)
+    results = measure(arguments, date)
+
+    from training.benchmark.report import show
+
+    show(results)
+    if path is not None:
+        path.write_text(results.to_json(), encoding="utf-8")
+    return results
+
+
+def measure(arguments: Bench, date: str | None = None) -> Results:
+    """Measure, without a word; arguments and errors as for :func:`run`."""
+    _check(arguments)
     # FilterPy, Stable-Baselines3 and PyTorch take seconds to import: not before they are wanted.
     from training.benchmark.harness import measure_stepping
     from training.benchmark.report import Results, this_machine
@@ -90,18 +55,29 @@ def run(arguments: Bench) -> Results:
     if arguments.learning:
         from training.benchmark.learning import Plan, measure_learning
 
-        plan = Plan(peer_steps=arguments.peer_steps)
-        learning = measure_learning(SCENARIOS["BearingsOnly"], arguments.learning_rounds, plan)
-    results = Results(arguments.command, arguments.date, this_machine(), stepping, learning)
-    if arguments.json is not None:
-        arguments.json.write_text(results.to_json(), encoding="utf-8")
-    return results
+        learning = measure_learning(SCENARIOS["BearingsOnly"], arguments.rounds, Plan())
+    return Results(command(arguments), date, this_machine(), stepping, learning)
 
 
-def main(arguments: Bench | None = None) -> Results:
-    """Measure and print the tables."""
-    from training.benchmark.report import show
+def command(arguments: Bench) -> str:
+    """The command line that repeats the measurement, without the file it writes."""
+    words = ["passloc bench"]
+    for field in dataclasses.fields(arguments):
+        value = getattr(arguments, field.name)
+        if field.name == "json" or value == field.default:
+            continue
+        if isinstance(value, bool):
+            words.append(f"--{'' if value else 'no-'}{field.name}")
+        else:
+            values = value if isinstance(value, tuple) else (value,)
+            words.append(f"--{field.name} {' '.join(map(str, values))}")
+    return " ".join(words)
 
-    results = run(arguments or Bench())
-    show(results)
-    return results
+
+def _check(arguments: Bench) -> None:
+    if arguments.rounds < 1:
+        raise InputError(f"rounds = {arguments.rounds} is not possible: must be at least 1")
+    if not arguments.seconds > 0.0:
+        raise InputError(f"seconds = {arguments.seconds} is not possible: must be above 0")
+    if any(size < 1 for size in arguments.sizes):
+        raise InputError(f"sizes = {arguments.sizes} is not possible: each must be at least 1")

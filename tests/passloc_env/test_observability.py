@@ -1,0 +1,112 @@
+"""Gramians and ranks against theory: what a straight observer can and cannot know."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from passloc_env.layout import StateLayout
+from passloc_env.motion import ConstantVelocity
+from passloc_env.observability import (
+    fisher_rows,
+    gram_gain,
+    gramian,
+    observability_matrix,
+    pseudo_linear_rows,
+    rank_report,
+    windowed_gram_determinant,
+)
+from passloc_env.scenarios import SCENARIOS
+from passloc_env.simulation import Simulation
+
+LAYOUT = StateLayout()
+PERIOD = 1.0
+TRANSITION = ConstantVelocity().transition(LAYOUT, PERIOD)
+SCALE = np.array([1e4, 1e4, 1e2, 1e2])
+
+
+def bearings(turn_rate: float, steps: int = 200, batch: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    """Bearings ``(K, N)`` from an observer turning at a rate to random constant-velocity emitters, and their states."""
+    rng = np.random.default_rng(3)
+    state = np.concatenate([rng.uniform(20e3, 40e3, (2, batch)), rng.uniform(-200, 200, (2, batch))])
+    time = PERIOD * np.arange(steps)[:, None]
+    heading = turn_rate * time
+    speed = 220.0
+    if turn_rate:
+        own = speed / turn_rate * np.stack([1.0 - np.cos(heading), np.sin(heading)])
+    else:
+        own = speed * np.stack([0.0 * time, time])
+    east, north = state[0] + time * state[2] - own[0], state[1] + time * state[3] - own[1]
+    return np.arctan2(east, north), state
+
+
+def rank_of(turn_rate: float, doppler: bool) -> np.ndarray:
+    rows = pseudo_linear_rows(bearings(turn_rate)[0], LAYOUT, doppler=doppler)
+    return rank_report(rows, TRANSITION, LAYOUT, SCALE).rank
+
+
+def test_straight_observer_with_bearings_knows_three_of_four_states() -> None:
+    assert (rank_of(turn_rate=0.0, doppler=False) == 3).all()
+
+
+def test_doppler_or_a_turn_makes_all_four_states_observable() -> None:
+    assert (rank_of(turn_rate=0.0, doppler=True) == 4).all()
+    assert (rank_of(turn_rate=0.03, doppler=False) == 4).all()
+
+
+def test_the_blind_direction_is_the_relative_state_itself() -> None:
+    # Bearings are unchanged when the relative state is scaled: that is the direction nobody can see.
+    angles, state = bearings(turn_rate=0.0)
+    report = rank_report(pseudo_linear_rows(angles, LAYOUT), TRANSITION, LAYOUT, SCALE)
+    relative = state - np.array([0.0, 0.0, 0.0, 220.0])[:, None]
+    aligned = np.abs((report.weakest / SCALE[:, None] * relative / SCALE[:, None]).sum(axis=0))
+    length = np.linalg.norm(report.weakest / SCALE[:, None], axis=0) * np.linalg.norm(relative / SCALE[:, None], axis=0)
+    np.testing.assert_allclose(aligned, length, rtol=1e-6)  # SVD of a record with singular values over 9 decades
+    assert set(report.weakest_name) <= set(LAYOUT.names)
+
+
+def test_gramian_equals_the_sum_of_outer_products() -> None:
+    rng = np.random.default_rng(0)
+    rows = rng.normal(size=(7, 2, 4, 3))
+    expected = np.zeros((4, 4, 3))
+    for env in range(3):
+        power = np.eye(4)
+        for k in range(7):
+            mapped = rows[k, :, :, env] @ power
+            expected[..., env] += mapped.T @ mapped
+            power = TRANSITION[..., 0] @ power
+    np.testing.assert_allclose(gramian(rows, TRANSITION), expected, rtol=1e-12)
+    assert observability_matrix(rows, TRANSITION).shape == (14, 4, 3)
+
+
+def test_windowed_determinant_equals_the_determinant_of_each_window() -> None:
+    rows = np.random.default_rng(1).normal(size=(9, 1, 4, 2))
+    determinants = windowed_gram_determinant(rows, TRANSITION, window=6)
+    for first in range(4):
+        window = gramian(rows[first : first + 6], TRANSITION)
+        expected = [np.linalg.slogdet(window[..., env])[1] for env in range(2)]
+        np.testing.assert_allclose(determinants[first], expected, rtol=1e-8)  # conditioning of the Gramian
+
+
+def test_a_window_too_short_to_see_the_state_says_so() -> None:
+    rows = np.random.default_rng(1).normal(size=(9, 1, 4, 2))
+    assert np.isneginf(windowed_gram_determinant(rows, TRANSITION, window=3)).all()
+    with pytest.raises(ValueError, match="window = 10 is not possible"):
+        windowed_gram_determinant(rows, TRANSITION, window=10)
+
+
+def test_gram_gain_of_the_simulation_is_the_gain_of_the_gramian() -> None:
+    # The simulation gets the gain from the determinant lemma; here it comes from the Gramian itself.
+    scenario = SCENARIOS["BearingDoppler"].override({"episode.decision_every": 1, "episode.early_end": False})
+    simulation = Simulation(scenario, 3)
+    simulation.reset(np.arange(3), [np.random.default_rng(seed) for seed in range(3)])
+    prior = np.moveaxis(np.linalg.inv(np.moveaxis(simulation.information.covariance[:, :, -1], -1, 0)), 0, -1)
+    history: list[np.ndarray] = [np.zeros((2, 4, 3))]
+    for k in range(40):
+        simulation.step(np.full((1, 3), 0.4 if k < 20 else -0.4))
+        before = gramian(np.stack(history), TRANSITION)
+        history.append(fisher_rows(simulation))
+        after = gramian(np.stack(history), TRANSITION)
+        expected = gram_gain(before, after, prior)
+        # Both forms lose digits to the conditioning of the information matrix, about 1e9 here.
+        np.testing.assert_allclose(simulation.information.gram_gain, expected, rtol=1e-5, atol=1e-7)
