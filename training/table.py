@@ -57,9 +57,17 @@ def notes(evaluation: Evaluation) -> str:
 def rich_table(evaluation: Evaluation, width: int) -> Table:
     """The evaluation for a terminal of a given width, best policy first; narrow ones get the leading columns."""
     names = list(COLUMNS) if width >= _WIDE else list(COLUMNS)[:_LEADING]
-    table = Table(title=title(evaluation), caption=notes(evaluation), caption_justify="left", box=SIMPLE, expand=False)
+    table = Table(
+        title=title(evaluation),
+        caption=notes(evaluation),
+        caption_justify="left",
+        box=SIMPLE,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+    )
     for name in names:
-        table.add_column(name, justify="left" if name == "policy" else "right")
+        heading = name.replace(", ", ",\n").replace("time to ", "time to\n")
+        table.add_column(heading, justify="left" if name == "policy" else "right", no_wrap=name != "policy")
     for verdict in ranked(evaluation):
         table.add_row(*(COLUMNS[name](verdict).replace(" [", "\n[").replace(", ", ",") for name in names))
     return table

@@ -185,7 +185,7 @@ def test_impossible_seeds_of_a_scalar(seed, scalar, refused):
 def test_bad_reset_mask(mask, finished, assert_same):
     env, _ = finished
     before, options = env.get_state(), {"reset_mask": copy.deepcopy(mask)}
-    with pytest.raises(ValueError, match="^reset_mask .*must ") as raised:
+    with pytest.raises(ValueError, match=r"^reset_mask .*must ") as raised:
         env.reset(seed=3, options=options)
     assert "\n" not in str(raised.value)
     assert_same(options, {"reset_mask": mask})
@@ -217,13 +217,13 @@ def test_unknown_option_does_not_seed_a_scalar(scalar, refused):
 
 @pytest.mark.parametrize("mode", ["SameStepp", "next_step", None, 3])
 def test_unknown_autoreset_mode(mode):
-    with pytest.raises(ValueError, match="known: Disabled, NextStep, SameStep$"):
+    with pytest.raises(ValueError, match=r"known: Disabled, NextStep, SameStep$"):
         LocalisationVectorEnv(2, autoreset_mode=mode)
 
 
 @pytest.mark.parametrize("num_envs", [0, -3, 2.0, "2", None, True])
 def test_impossible_number_of_environments(num_envs):
-    with pytest.raises(ValueError, match="^num_envs = .* must be a whole number of at least 1$"):
+    with pytest.raises(ValueError, match=r"^num_envs = .* must be a whole number of at least 1$"):
         LocalisationVectorEnv(num_envs)
 
 

@@ -112,9 +112,9 @@ def test_state_crosses_tiles(vector_env, actions, assert_same):
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        (dict(num_envs=2), "the state holds 2 environments, expected 3"),
-        (dict(name="BearingDoppler"), "the state does not fit this environment: "),
-        (dict(name="BearingDopplerUnknownCarrier"), "the state does not fit this environment: "),
+        ({"num_envs": 2}, "the state holds 2 environments, expected 3"),
+        ({"name": "BearingDoppler"}, "the state does not fit this environment: "),
+        ({"name": "BearingDopplerUnknownCarrier"}, "the state does not fit this environment: "),
         ({"episode.steps": 20}, "the state does not fit this environment: noise.measurement is "),
     ],
 )

@@ -70,7 +70,6 @@ OBSERVATION_WRAPPERS = {
         lambda env: vector_wrappers.RescaleObservation(env, np.full(FEATURES, -1, F), np.full(FEATURES, 1, F)),
         lambda x: x / 10,
     ),
-    "dtype": (lambda env: vector_wrappers.DtypeObservation(env, np.float64), lambda x: x.astype(np.float64)),
     "transform": (lambda env: vector_wrappers.TransformObservation(env, np.negative), np.negative),
 }
 

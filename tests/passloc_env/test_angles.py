@@ -16,7 +16,14 @@ ROUNDING = 1e-11
 
 @pytest.mark.parametrize(
     ("angle", "wrapped"),
-    [(0.0, 0.0), (1.0, 1.0), (3.5, 3.5 - math.tau), (-3.5, math.tau - 3.5), (7.0, 7.0 - math.tau), (-50.0, -50 + 16 * math.pi)],
+    [
+        (0.0, 0.0),
+        (1.0, 1.0),
+        (3.5, 3.5 - math.tau),
+        (-3.5, math.tau - 3.5),
+        (7.0, 7.0 - math.tau),
+        (-50.0, -50 + 16 * math.pi),
+    ],
 )
 def test_wrap_by_hand(angle: float, wrapped: float) -> None:
     assert wrap(angle) == pytest.approx(wrapped, abs=ROUNDING)

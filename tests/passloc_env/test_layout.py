@@ -18,7 +18,11 @@ def test_blocks_partition_the_state(layout: StateLayout) -> None:
     rows = np.arange(layout.size)
     blocks = [rows[b] for b in (layout.position, layout.velocity, layout.acceleration, layout.nuisances)]
     np.testing.assert_array_equal(np.concatenate(blocks), rows)
-    assert [len(block) for block in blocks[:3]] == [layout.dimension, layout.dimension, layout.dimension * (layout.order - 1)]
+    assert [len(block) for block in blocks[:3]] == [
+        layout.dimension,
+        layout.dimension,
+        layout.dimension * (layout.order - 1),
+    ]
     np.testing.assert_array_equal(rows[layout.kinematic], np.concatenate(blocks[:3]))
 
 

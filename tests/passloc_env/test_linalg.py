@@ -23,7 +23,7 @@ def whole_numbers(seed: int, *shape: int) -> np.ndarray:
 
 
 def positive_definite(seed: int, n: int, size: int = 5) -> np.ndarray:
-    """Matrices ``(n, n, size)`` whose condition number stays below about 1e3, so that 1e-10 tells code from rounding."""
+    """Matrices ``(n, n, size)`` of condition numbers to about 1e3: an error of 1e-10 is no rounding."""
     root = np.random.default_rng(seed).normal(size=(size, n, n))
     return np.moveaxis(root @ root.swapaxes(1, 2) + 0.1 * n * np.eye(n), 0, -1).copy()
 
@@ -81,7 +81,10 @@ def test_cholesky_and_its_uses(seed: int, n: int) -> None:
 def test_solve_lower(seed: int, n: int, k: int) -> None:
     lower = linalg.cholesky(positive_definite(seed, n)).lower
     right = np.random.default_rng(seed).normal(size=(n, k, 5))
-    expected = [scipy.linalg.solve_triangular(a, b, lower=True) for a, b in zip(batch_first(lower), batch_first(right), strict=True)]
+    expected = [
+        scipy.linalg.solve_triangular(a, b, lower=True)
+        for a, b in zip(batch_first(lower), batch_first(right), strict=True)
+    ]
     solved = linalg.solve_lower(lower, right)
     assert solved is right
     np.testing.assert_allclose(batch_first(solved), expected, rtol=1e-10, atol=1e-10)

@@ -118,17 +118,25 @@ def test_changes_are_checked_together() -> None:
             {"episode.period": 0}, "episode.period", 0, "must be above 0 s, or a distribution", id="zero period"
         ),
         pytest.param(
-            {"target.motion": {"type": "ConstantVelocity", "noise": 1}},
-            "target.motion.noise",
+            {"target.motion": {"type": "ConstantVelocity", "acceleration_nois": 1}},
+            "target.motion.acceleration_nois",
             1,
             "did you mean 'acceleration_noise'",
             id="unknown field in data",
         ),
         pytest.param(
-            {"episode": {"steps": 40}, "episode.period": 2.0}, "episode.period", 2.0, "replaced as a whole", id="whole first"
+            {"episode": {"steps": 40}, "episode.period": 2.0},
+            "episode.period",
+            2.0,
+            "replaced as a whole",
+            id="whole first",
         ),
         pytest.param(
-            {"episode.period": 2.0, "episode": {"steps": 40}}, "episode.period", 2.0, "replaced as a whole", id="part first"
+            {"episode.period": 2.0, "episode": {"steps": 40}},
+            "episode.period",
+            2.0,
+            "replaced as a whole",
+            id="part first",
         ),
     ],
 )

@@ -1,7 +1,7 @@
 """The peer: the same problem as passloc's own environment, one at a time, written by hand around FilterPy.
 
 This is what a competent user writes: FilterPy's unscented filter, small NumPy matrices, plain floats for the rest. It
-shares nothing with :mod:`passloc_env` but the scenario, so it serves twice: to compare speed, and as an independent
+shares only scenario and spaces with :mod:`passloc_env`, so it serves twice: to compare speed, and as an independent
 second opinion on every reward and observation.
 """
 

@@ -68,7 +68,7 @@ class Candidate(Protocol):
 class VectorCandidate:
     """passloc's vector environment in its default autoreset mode."""
 
-    name, note = "passloc vector environment", ""
+    name, note = "passloc, vector", ""
 
     def __init__(self, scenario: Scenario, environments: int, random: np.random.Generator) -> None:
         self.environments = environments
@@ -195,7 +195,7 @@ def _candidates(scenario: Scenario, sizes: Sequence[int]) -> tuple[list[Candidat
         if (error.name or "").partition(".")[0] != "stonesoup":
             raise
         notes.append("Stone Soup is not installed and was left out: pip install stonesoup")
-    candidates.append(ScalarCandidate("passloc environment", LocalisationEnv(scenario), scenario, random))
+    candidates.append(ScalarCandidate("passloc, scalar", LocalisationEnv(scenario), scenario, random))
     candidates += [VectorCandidate(scenario, size, random) for size in sizes]
     return candidates, notes
 

@@ -145,7 +145,7 @@ def measure_learning(scenario: Scenario, rounds: int, plan: Plan) -> Learning:
         plan.batch,
         plan.epochs,
         [
-            _learner("passloc vector environment", plan.environments, our_turns, sensor_steps),
+            _learner("passloc, vector", plan.environments, our_turns, sensor_steps),
             _learner("FilterPy environment", plan.peer_environments, their_turns, sensor_steps),
         ],
         spread(ratios),

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -185,23 +186,23 @@ def show(results: Results, console: Console | None = None) -> None:
     versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
     console.print(f"{machine.processor}, {machine.cores} cores; Python {machine.python}; {versions}", style="dim")
     console.print(_stepping_table(results.stepping))
-    _print_notes(console, results.stepping.notes)
+    remarks = [f"{row.name}: {row.note}." for row in results.stepping.rows if row.note]
+    _print_notes(console, remarks + results.stepping.notes)
     if results.learning is not None:
         console.print(_learning_table(results.learning))
         _print_notes(console, results.learning.notes)
 
 
 def _stepping_table(stepping: Stepping) -> Table:
-    table = Table(
-        title=f"{stepping.scenario}: sensor steps per second, median and (min–max) of {stepping.rounds} rounds"
-    )
-    table.add_column("candidate")
-    for heading in ("N", "per CPU s", "per wall s", "× FilterPy, CPU", "× FilterPy, wall"):
+    title = f"{stepping.scenario}: sensor steps per second, median (min–max) of {stepping.rounds} rounds"
+    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("candidate", no_wrap=True)
+    for heading in ("N", "per\nCPU s", "per\nwall s", "× FilterPy,\nCPU", "× FilterPy,\nwall"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in stepping.rows:
-        rates = (_short(row.per_cpu_second.median), _short(row.per_wall_second.median))
-        name = f"{row.name} ({row.note})" if row.note else row.name
-        table.add_row(name, str(row.environments), *rates, str(row.cpu_ratio), str(row.wall_ratio))
+        medians = (row.per_cpu_second.median, row.per_wall_second.median)
+        ratios = (str(row.cpu_ratio), _short(row.wall_ratio.median))
+        table.add_row(row.name, str(row.environments), *map(_short, medians), *ratios)
     return table
 
 
@@ -210,8 +211,8 @@ def _learning_table(learning: Learning) -> Table:
         f"{learning.scenario}: sensor steps per second of PPO, median of {learning.rounds} rounds\n"
         f"rollout {learning.rollout}, batch {learning.batch}, {learning.epochs} epochs"
     )
-    table = Table(title=title, caption=f"passloc : FilterPy = {learning.ratio}")
-    table.add_column("environment")
+    table = Table(title=title, caption=f"passloc : FilterPy = {learning.ratio}", box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("environment", no_wrap=True)
     for heading in ("N", "end to end", "collecting", "s per update"):
         table.add_column(heading, justify="right", no_wrap=True)
     for learner in learning.learners:

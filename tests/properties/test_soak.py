@@ -1,0 +1,167 @@
+"""Nothing inside an episode raises, warns or leaves the numbers, whatever the actions and wherever the emitter is."""
+
+import math
+
+import numpy as np
+import pytest
+
+from passloc_env import SCENARIOS, LocalisationVectorEnv
+from passloc_env.simulation import Simulation
+from passloc_env.target import PolarStart
+
+SIZE = 64
+SENSOR_STEPS = 144
+"""Per environment and test."""
+
+DIAGNOSTICS = ("truth", "estimate", "covariance", "nees", "relative_range_error", "bound", "range", "repairs")
+EXTREMES = [1.0, -1.0, 0.0, 1e30, -1e30, 5e-324, -5e-324, 3.4e38, 1.7e308]
+
+
+def extreme_actions(size, seed):
+    """Endless actions: half of the environments keep to an extreme each, the others alternate or act at random."""
+    rng, sign = np.random.default_rng(seed), 1.0
+    while True:
+        action = np.empty((SIZE, size))
+        action[0::2] = np.resize(EXTREMES, (SIZE // 2, 1))
+        action[1::4] = sign = -sign
+        action[3::4] = rng.uniform(-1, 1, (SIZE // 4, size)) * 10.0 ** rng.integers(-3, 3)
+        yield action
+
+
+def flights_at(size, seed):
+    """Endless actions that fly at the emitter, a few of them not quite."""
+    rng = np.random.default_rng(seed)
+    while True:
+        action = np.zeros((SIZE, size))
+        action[::4] = rng.uniform(-0.02, 0.02, action[::4].shape)
+        yield action
+
+
+def head_on(name):
+    """Overrides that let the emitter come from 2 km away, straight through the observer."""
+    start = SCENARIOS[name].target.start
+    changes = {"episode.min_range": 0.0}
+    if isinstance(start, PolarStart):
+        line = {"target.start.bearing": 0.3, "target.start.course": 0.3 + math.pi, "target.start.speed": 100.0}
+        return changes | line | {"target.start.range": 2e3}
+    shrink = 2e3 / math.hypot(*start.position)
+    speed = math.hypot(*start.velocity)
+    here = [shrink * axis for axis in start.position]
+    return changes | {"target.start.position": here, "target.start.velocity": [-speed * axis / 2e3 for axis in here]}
+
+
+def assert_finite(env, result):
+    """Observations, rewards, infos and means are numbers."""
+    observation, reward, _, _, info = result
+    assert observation in env.observation_space
+    assert np.isfinite(reward).all()
+    for values in (*info["reward_terms"].values(), *(info[key] for key in DIAGNOSTICS)):
+        assert np.isfinite(values).all()
+    assert np.isfinite(env.belief.mean).all()
+
+
+def assert_sound(env, result):
+    """All of that, and every covariance is positive definite, scaled to a correlation."""
+    assert_finite(env, result)
+    covariance = env.belief.covariance
+    sigma = np.sqrt(np.einsum("iin->in", covariance))
+    assert (sigma > 0.0).all()
+    correlation = np.moveaxis(covariance / sigma[:, None] / sigma[None], -1, 0)
+    assert np.linalg.eigvalsh(correlation).min() > 0.0
+
+
+def assert_symmetric(env, result):
+    """Beliefs and bounds are symmetric to the last bit."""
+    for covariance in (env.belief.covariance, env.batch.tiles[0].information.bound):
+        assert np.array_equal(covariance, covariance.swapaxes(0, 1))
+
+
+def soak(name, actions, check=assert_sound, **changes):
+    """Fly a whole batch for a while; the largest count of repairs and how close anybody came."""
+    env = LocalisationVectorEnv(SIZE, name, overrides=changes, autoreset_mode="SameStep", diagnostics=True)
+    env.reset(seed=2)
+    repairs, closest, before = 0, np.inf, np.zeros(SIZE)
+    stream = actions(env.scenario.action_size, seed=1)
+    for _ in range(-(-SENSOR_STEPS // env.scenario.episode.decision_every)):
+        result = env.step(next(stream))
+        check(env, result)
+        going = ~(result[2] | result[3])
+        assert (result[4]["repairs"][going] >= before[going]).all()
+        before = result[4]["repairs"]
+        repairs, closest = max(repairs, before.max()), min(closest, result[4]["range"].min())
+    return repairs, closest
+
+
+@pytest.mark.parametrize("early_end", [True, False])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_extreme_actions(name, early_end):
+    repairs, _ = soak(name, extreme_actions, **{"episode.early_end": early_end})
+    assert repairs < SENSOR_STEPS
+
+
+@pytest.mark.parametrize("early_end", [True, False])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_emitters_that_pass_through(name, early_end):
+    repairs, closest = soak(name, flights_at, **head_on(name), **{"episode.early_end": early_end})
+    assert early_end or closest < 400.0
+    assert repairs < SENSOR_STEPS
+
+
+@pytest.mark.parametrize("sharpness", [1e-3, 1e-6])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_sensors_far_sharper_than_the_prior(name, sharpness):
+    sigmas = {f"sensors.{i}.sigma": sharpness * sensor.sigma for i, sensor in enumerate(SCENARIOS[name].sensors)}
+    repairs, _ = soak(name, extreme_actions, assert_finite, **sigmas)
+    assert repairs < SENSOR_STEPS
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_covariances_are_symmetric_to_the_last_bit(name):
+    repairs, _ = soak(name, extreme_actions, assert_symmetric)
+    assert repairs < SENSOR_STEPS
+
+
+def test_soak_is_long_enough():
+    """Of extreme actions, over every scenario, with early ends and without."""
+    assert 2 * len(SCENARIOS) * SIZE * SENSOR_STEPS >= 100_000
+
+
+@pytest.fixture
+def world():
+    world = Simulation(SCENARIOS["BearingDopplerUnknownCarrier"], 4)
+    world.reset(np.arange(4), [np.random.default_rng(seed) for seed in range(4)])
+    world.step(np.zeros((1, 4)))
+    return world
+
+
+@pytest.mark.parametrize("damage", ["indefinite", "singular", "rounding"])
+def test_spoilt_covariance_is_repaired_and_counted(world, damage):
+    covariance = world.track.covariance[..., 2]
+    if damage == "indefinite":
+        covariance[0, 1] = covariance[1, 0] = 2 * math.sqrt(covariance[0, 0] * covariance[1, 1])
+    elif damage == "singular":
+        covariance[...] = np.outer(np.sqrt(np.diag(covariance)), np.sqrt(np.diag(covariance)))
+    else:
+        covariance[2, 2] = -1e-9
+    world.step(np.zeros((1, 4)))
+    assert world.track.repairs[2] >= 1
+    assert (world.track.repairs[[0, 1, 3]] == 0).all()
+    assert np.isfinite(world.observe()).all()
+    assert np.linalg.eigvalsh(np.moveaxis(world.track.covariance, -1, 0)).min() > 0
+
+
+@pytest.mark.parametrize("poison", [np.nan, np.inf])
+@pytest.mark.parametrize("part", ["mean", "covariance"])
+def test_broken_belief_begins_anew_and_is_counted(world, part, poison):
+    def spoil(world):
+        world.watchers.clear()
+        getattr(world.track, part)[0, ..., 2] = poison
+
+    world.watchers.append(spoil)
+    world.step(np.zeros((1, 4)))
+    assert not world.watchers
+    assert world.track.repairs.tolist() == [0, 0, 1, 0]
+    assert np.isfinite(world.track.mean).all()
+    assert np.isfinite(world.track.covariance).all()
+    assert np.isfinite(world.reward).all()
+    assert np.isfinite(world.observe()).all()

@@ -1,0 +1,182 @@
+"""The benchmark's machinery with tiny settings: structure and counting, never speed."""
+
+import dataclasses
+import io
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from passloc_env import SCENARIOS, Scenario
+from passloc_env.errors import InputError
+from training import benchmark
+from training.benchmark import Bench, harness, report
+from training.benchmark.report import Results, Spread, spread
+
+BEARING_DOPPLER = SCENARIOS["BearingDoppler"]
+TINY = Bench(sizes=(1, 3), rounds=2, seconds=0.001, learning=False)
+
+
+@pytest.fixture(scope="module")
+def results() -> Results:
+    return benchmark.measure(TINY)
+
+
+def test_docstring_names_the_project() -> None:
+    assert benchmark.__doc__ is not None
+    assert "passloc" in benchmark.__doc__.splitlines()[0]
+
+
+def test_every_candidate_has_its_row(results: Results) -> None:
+    rows = [(row.name, row.environments) for row in results.stepping.rows]
+    assert rows == [
+        ("FilterPy environment", 1),
+        ("Stone Soup filter", 1),
+        ("passloc, scalar", 1),
+        ("passloc, vector", 1),
+        ("passloc, vector", 3),
+    ]
+    assert results.learning is None
+    for row in results.stepping.rows:
+        for measured in (row.per_cpu_second, row.per_wall_second, row.cpu_ratio, row.wall_ratio):
+            assert 0.0 < measured.low <= measured.median <= measured.high
+        assert ("tracker only" in row.note) == (row.name == "Stone Soup filter")
+
+
+def test_the_peer_is_compared_with_itself(results: Results) -> None:
+    peer = results.stepping.rows[0]
+    assert peer.cpu_ratio == peer.wall_ratio == Spread(1.0, 1.0, 1.0)
+
+
+def test_json_holds_everything(results: Results) -> None:
+    data = json.loads(results.to_json())
+    assert set(data) == {"command", "date", "machine", "stepping", "learning"}
+    assert data["stepping"]["rows"][0]["cpu_ratio"] == {"median": 1.0, "low": 1.0, "high": 1.0}
+    assert {"numpy", "filterpy", "gymnasium"} <= set(data["machine"]["versions"])
+    assert data["machine"]["cores"] >= 1
+    assert data["date"] is None
+
+
+def test_the_table_fits_a_terminal(results: Results) -> None:
+    wide = Spread(0.4567, 0.4321, 0.4789)
+    rows = [dataclasses.replace(row, environments=4096, cpu_ratio=wide) for row in results.stepping.rows]
+    console = Console(file=io.StringIO(), width=80)
+    report.show(dataclasses.replace(results, stepping=dataclasses.replace(results.stepping, rows=rows)), console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "…" not in text
+    assert text.count("0.457 (0.432–0.479)") == len(rows)
+
+
+def test_run_prints_tables_and_writes_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "bench.json"
+    arguments = Bench(sizes=(), rounds=1, seconds=0.001, learning=False, json=path)
+    found = benchmark.run(arguments, date="2000-01-01")
+    assert path.read_text(encoding="utf-8") == found.to_json()
+    assert found.date == "2000-01-01"
+    assert "FilterPy environment" in capsys.readouterr().out
+
+
+def test_a_missing_folder_is_told_before_measuring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(harness, "measure_stepping", None)
+    with pytest.raises(FileNotFoundError):
+        benchmark.run(Bench(json=tmp_path / "absent" / "bench.json"))
+
+
+def test_tables_print(results: Results) -> None:
+    console = Console(file=io.StringIO(), width=80)
+    report.show(results, console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "BearingDoppler" in text
+    assert "tracker only" in text
+    assert "1 (1–1)" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "command"),
+    [
+        (Bench(), "passloc bench"),
+        (TINY, "passloc bench --sizes 1 3 --rounds 2 --seconds 0.001 --no-learning"),
+        (Bench(json=Path("x.json")), "passloc bench"),
+    ],
+)
+def test_command_repeats_the_measurement(arguments: Bench, command: str) -> None:
+    assert benchmark.command(arguments) == command
+
+
+@pytest.mark.parametrize("wrong", [{"rounds": 0}, {"sizes": (0,)}, {"seconds": 0.0}, {"seconds": float("nan")}])
+def test_impossible_arguments_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        benchmark.measure(Bench(**wrong))  # type: ignore[arg-type]
+
+
+def test_stone_soup_may_be_absent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "stonesoup", None)
+    for name in [name for name in sys.modules if name.startswith("stonesoup.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delitem(sys.modules, "training.benchmark.stone_soup", raising=False)
+    stepping = harness.measure_stepping(BEARING_DOPPLER, (), 1, 0.001)
+    assert "Stone Soup filter" not in [row.name for row in stepping.rows]
+    assert any("Stone Soup is not installed" in note for note in stepping.notes)
+
+
+def test_other_missing_modules_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise ModuleNotFoundError("no such module", name="numpy")
+
+    monkeypatch.setattr(harness, "StoneSoupCandidate", broken)
+    with pytest.raises(ModuleNotFoundError):
+        harness.measure_stepping(BEARING_DOPPLER, (), 1, 0.001)
+
+
+def short(**overrides: object) -> Scenario:
+    return BEARING_DOPPLER.override({"episode.steps": 12, "episode.early_end": False, **overrides})
+
+
+def test_only_flown_sensor_steps_count() -> None:
+    candidate = harness.VectorCandidate(short(), 5, np.random.default_rng(0))
+    candidate.warm_up()
+    simulation = candidate._env.batch.tiles[0]
+    for _ in range(20):
+        before = simulation.step_count.copy()
+        flown = candidate.step()
+        # A decision adds four; a reset puts the clock back.
+        assert flown == 4 * np.count_nonzero(simulation.step_count > before)
+
+
+def test_the_clocks_of_a_batch_are_spread() -> None:
+    candidate = harness.VectorCandidate(short(), 12, np.random.default_rng(0))
+    candidate.warm_up()
+    ends = []
+    for _ in range(8):
+        candidate.step()
+        ends.append(int(np.count_nonzero(candidate._ended)))
+    # An episode takes three decisions and the call that resets it.
+    assert sum(ends) == 12 * 2
+    assert max(ends) <= 4
+
+
+def test_a_scalar_candidate_resets() -> None:
+    peer = harness._candidates(short(), ())[0][0]
+    peer.warm_up()
+    assert [peer.step() for _ in range(7)] == [4] * 7
+
+
+def test_spread_is_median_and_extremes() -> None:
+    assert spread([3.0, 1.0, 10.0]) == Spread(3.0, 1.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.2345, "0.234"), (45.67, "45.7"), (612.3, "612"), (1234.0, "1.23k"), (523456.0, "523k")]
+)
+def test_numbers_are_short(value: float, text: str) -> None:
+    assert str(Spread(value, value, value)) == f"{text} ({text}–{text})"
+
+
+def test_the_machine_is_named() -> None:
+    machine = report.this_machine()
+    assert machine.processor
+    assert re.fullmatch(r"\d+\.\d+\.\d+.*", machine.python)
