@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from passloc_env.arrays import Array
+from passloc_env.arrays import Array, rows
 
 TURN = 2.0 * math.pi
 
@@ -37,4 +37,9 @@ def bearing_of(vector: Array) -> Array:
 
 def direction(bearing: Any) -> Array:
     """Unit vector ``(2, …, N)`` towards a compass bearing."""
-    return np.stack([np.sin(bearing), np.cos(bearing)])
+    return rows(np.sin(bearing), np.cos(bearing))
+
+
+def turned(vector: Array, sine: Any, cosine: Any) -> Array:
+    """A planar vector ``(2, N)`` turned to starboard by the angle of the given sine and cosine."""
+    return rows(cosine * vector[0] + sine * vector[1], cosine * vector[1] - sine * vector[0])

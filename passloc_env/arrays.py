@@ -15,3 +15,12 @@ IntArray = NDArray[np.int64]
 
 Number = Any
 """A scenario quantity: a float, a ``Distribution`` sampled at each reset, or (once realised) an array ``(N,)``."""
+
+
+def rows(first: Array, *others: Array) -> Array:
+    """Equally shaped arrays as the rows of a new one; ``np.stack`` without its checks."""
+    stacked = np.empty((1 + len(others), *first.shape))
+    stacked[0] = first
+    for index, row in enumerate(others, 1):
+        stacked[index] = row
+    return stacked

@@ -43,7 +43,6 @@ class Dynamics:
         self.noise_size = gain.shape[1]
         self._drive = LinearMap(gain, dense=dense)
         self.process_noise = row_gram(gain)
-        self._noisy = bool(self.process_noise.any())
 
     @property
     def linear(self) -> bool:
@@ -57,21 +56,29 @@ class Dynamics:
             raise TypeError(f"{type(self.motion).__name__} is not linear: it has no transition matrix")
         return self._map
 
-    def mean(self, state: Array, time: Array) -> Array:
-        """The noise-free state ``(n, …, N)`` one period after ``time (N,)``; a new array."""
+    def advance(self, state: Array, time: Array) -> None:
+        """Move states ``(n, N)`` from ``time (N,)`` by one noise-free period, in place."""
         if self._map is None:
-            return self.motion.propagate(state, self.layout, self.period, time)
-        moved = self._map(state)
+            state[...] = self.motion.propagate(state, self.layout, self.period, time)
+            return
+        self._map.apply(state)
+        if self._input is not None:
+            state += self._input
+
+    def mean(self, states: Array, time: Array) -> Array:
+        """The noise-free states ``(n, …, N)`` one period after ``time (N,)``; a new array."""
+        if self._map is None:
+            return self.motion.propagate(states, self.layout, self.period, time)
+        moved = self._map(states)
         if self._input is not None:
             moved += self._input.reshape(len(moved), *(1,) * (moved.ndim - 2), -1)
         return moved
 
-    def covariance(self, covariance: Array) -> Array:
-        """``F P Fᵀ + Q`` for ``(n, n, N)``; a new array."""
-        spread = self.transition.congruence(covariance)
-        if self._noisy:
-            spread += self.process_noise
-        return spread
+    def spread(self, covariance: Array) -> None:
+        """``P ← F P Fᵀ + Q`` for ``(n, n, N)``, in place."""
+        self.transition.congruence(covariance)
+        if self.noise_size:
+            covariance += self.process_noise
 
     def disturb(self, state: Array, normals: Array) -> None:
         """Add process noise to ``state (n, N)`` in place, from standard normals ``(w, N)``."""

@@ -16,8 +16,7 @@ import numpy as np
 from passloc_env.arrays import Array, BoolArray, IntArray
 from passloc_env.dynamics import Dynamics
 from passloc_env.linalg import (
-    cholesky,
-    diagonal,
+    cholesky_above,
     inner,
     log_determinant,
     matmul,
@@ -26,6 +25,7 @@ from passloc_env.linalg import (
     solve_lower,
     transpose,
 )
+from passloc_env.sensor_suite import SensorSuite
 
 _SMALLEST_VARIANCE = 1e-12
 
@@ -57,23 +57,20 @@ class Information:
 
     def advance(self) -> None:
         """``C ← F C Fᵀ + Q``, the noise-free copy without Q."""
-        self.covariance[...] = self.dynamics.transition.congruence(self.covariance)
+        self.dynamics.transition.congruence(self.covariance)
         if self.dynamics.noise_size:
             self.covariance[:, :, 0] += self.dynamics.process_noise
 
-    def absorb(self, jacobian: Array, noise_covariance: Array, detected: BoolArray | None = None) -> None:
-        """Add ``Hᵀ R⁻¹ H`` of a measurement, ``H (m, n, N)``, ``R (m, m, 1|N)``; undetected rows add nothing."""
+    def absorb(self, jacobian: Array, suite: SensorSuite, detected: BoolArray | None = None) -> None:
+        """Add ``Hᵀ R⁻¹ H`` of a measurement with Jacobian ``H (m, n, N)``; undetected rows add nothing."""
         if detected is not None:
             jacobian = jacobian * detected[:, None]
         rows = jacobian[:, :, None]
         spread = matmul(rows, self.covariance)
         predicted = matmul(spread, transpose(rows))
-        variances = diagonal(predicted)
-        np.maximum(variances, 0.0, out=variances)
-        predicted += noise_covariance[:, :, None]
-        lower = cholesky(predicted).lower
-        gain = log_determinant(lower)[-1] - log_determinant(cholesky(noise_covariance).lower)
-        self.gram_gain[...] = gain
+        predicted += suite.noise_covariance[:, :, None]
+        lower = cholesky_above(predicted, suite.noise_pivots[:, None])
+        np.subtract(log_determinant(lower)[-1], suite.noise_log_determinant, out=self.gram_gain)
         self.covariance -= row_gram(transpose(solve_lower(lower, spread)))
 
     def state_arrays(self) -> dict[str, np.ndarray]:

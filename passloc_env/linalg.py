@@ -20,13 +20,14 @@ _PIVOT_FLOOR = 1e-14
 def tree_sum(terms: Array) -> Array:
     """Sum over the first axis by halving, ``(k, …)`` to ``(…)``. ``terms`` is used as scratch and overwritten."""
     count = len(terms)
-    while count > 1:
+    while count > 2:
         half = count // 2
-        np.add(terms[:half], terms[half : 2 * half], out=terms[:half])
+        merged = terms[:half]
+        merged += terms[half : 2 * half]
         if count % 2:
-            np.add(terms[0], terms[count - 1], out=terms[0])
+            merged[0] += terms[count - 1]
         count = half
-    total: Array = terms[0]
+    total: Array = terms[0] + terms[1] if count == 2 else terms[0]
     return total
 
 
@@ -71,26 +72,45 @@ class Factor(NamedTuple):
     sound: bool
 
 
-def cholesky(matrix: Array) -> Factor:
-    """Lower Cholesky factor of ``(n, n, …, N)`` symmetric matrices; never raises.
+def cholesky(matrix: Array, scale: float = 1.0) -> Factor:
+    """Lower Cholesky factor of ``scale`` times symmetric matrices ``(n, n, …, N)``; never raises.
 
     A pivot that is not above 1e-14 of its diagonal entry is replaced by that floor and ``sound`` is False;
     :func:`nearest_positive_definite` then tells what to factor instead.
     """
     n = len(matrix)
-    lower = matrix.copy()
-    floors = diagonal(lower) * _PIVOT_FLOOR
+    rest = np.multiply(matrix, scale, order="C")
+    floors = _flat_diagonal(rest) * _PIVOT_FLOOR
+    lower = np.zeros(rest.shape)
     for j in range(n):
-        root = np.sqrt(np.maximum(lower[j, j], floors[j]))
-        lower[j, j] = root
+        root = np.sqrt(np.maximum(rest[j, j], floors[j]))
+        column = np.divide(rest[j:, j], root, out=lower[j:, j])[1:]
         if j + 1 < n:
-            column = lower[j + 1 :, j]
-            column /= root
-            lower[j + 1 :, j + 1 :] -= column[:, None] * column[None]
-            lower[j, j + 1 :] = 0.0
-    pivots = diagonal(lower)
-    sound = bool((pivots * pivots > 2.0 * floors).all())
-    return Factor(lower, sound)
+            rest[j + 1 :, j + 1 :] -= column[:, None] * column
+    pivots = _flat_diagonal(lower)
+    return Factor(lower, bool(np.logical_and.reduce(pivots * pivots > 2.0 * floors, axis=None)))
+
+
+def cholesky_above(matrix: Array, floors: Array) -> Array:
+    """Lower Cholesky factor of ``(m, m, …)`` whose pivots are known to be at least ``floors (m, …)``; never raises.
+
+    An innovation covariance ``H P Hᵀ + R`` has no pivot below the one of R: where rounding says otherwise, rounding is
+    wrong. The matrix is overwritten and returned, with rubbish above the diagonal.
+    """
+    for j in range(len(matrix)):
+        pivot = matrix[j, j]
+        np.sqrt(np.maximum(pivot, floors[j]), out=pivot)
+        column = matrix[j + 1 :, j]
+        if len(column):
+            column /= pivot
+            matrix[j + 1 :, j + 1 :] -= column[:, None] * column
+    return matrix
+
+
+def _flat_diagonal(matrix: Array) -> Array:
+    """The diagonal ``(n, …)`` of a contiguous matrix, a view."""
+    n = len(matrix)
+    return matrix.reshape(n * n, *matrix.shape[2:])[:: n + 1]
 
 
 def unsound(matrix: Array) -> BoolArray:
@@ -154,31 +174,54 @@ class LinearMap:
         self.matrix = matrix if matrix.ndim == 3 else matrix[..., None]
         rows, columns = self.matrix.shape[:2]
         used = np.ones((rows, columns), bool) if dense else (self.matrix != 0.0).any(axis=-1)
-        unit = not dense and rows == columns and bool((diagonal(self.matrix) == 1.0).all())
-        self._identity = unit
+        self._identity = not dense and rows == columns and bool((diagonal(self.matrix) == 1.0).all())
         self._runs: list[tuple[slice, slice, Array]] = []
         for offset in range(-rows + 1, columns):
-            if offset == 0 and unit:
+            if offset == 0 and self._identity:
                 continue
             for first, last in _stretches(np.diagonal(used, offset)):
                 row = slice(first - min(offset, 0), last - min(offset, 0))
                 column = slice(first + max(offset, 0), last + max(offset, 0))
                 entries = np.moveaxis(np.diagonal(self.matrix, offset), -1, 0)[first:last]
                 self._runs.append((row, column, np.ascontiguousarray(entries)))
+        self._in_place = self._identity and self._reads_before_it_writes()
+
+    def _reads_before_it_writes(self) -> bool:
+        """Whether no run reads rows that an earlier one has written."""
+        written: set[int] = set()
+        for row, column, _ in self._runs:
+            if written & set(range(column.start, column.stop)):
+                return False
+            written |= set(range(row.start, row.stop))
+        return True
 
     def __call__(self, vectors: Array) -> Array:
         """``A x`` for ``(n, …, N)``, a new array ``(m, …, N)``."""
         result = vectors.copy() if self._identity else np.zeros((len(self.matrix), *vectors.shape[1:]))
-        middle = (1,) * (vectors.ndim - 2)
-        for row, column, entries in self._runs:
-            shaped = entries.reshape(len(entries), *middle, entries.shape[-1])
-            result[row] += shaped * vectors[column]
+        self._add_runs(vectors, result)
         return result
 
-    def congruence(self, matrices: Array) -> Array:
-        """``A P Aᵀ`` for ``(n, n, …, N)``, a new array."""
-        once = self(matrices)
-        return transpose(self(transpose(once)))
+    def apply(self, vectors: Array) -> None:
+        """``x ← A x`` in place."""
+        if self._in_place:
+            self._add_runs(vectors, vectors)
+        else:
+            vectors[...] = self(vectors)
+
+    def congruence(self, matrices: Array) -> None:
+        """``P ← A P Aᵀ`` in place for symmetric ``(n, n, …, N)``; symmetric again, to the last bit."""
+        self.apply(matrices)
+        self.apply(transpose(matrices))
+        matrices += transpose(matrices)
+        matrices *= 0.5
+
+    def _add_runs(self, vectors: Array, result: Array) -> None:
+        middle = vectors.ndim - 2
+        for row, column, entries in self._runs:
+            if middle:
+                entries = entries.reshape(len(entries), *(1,) * middle, -1)
+            target = result[row]
+            target += entries * vectors[column]
 
 
 def _stretches(used: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[tuple[int, int]]:

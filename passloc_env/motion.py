@@ -11,11 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, Number
+from passloc_env.angles import turned
+from passloc_env.arrays import Array, Number, rows
 from passloc_env.component import Component
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import abstract, quantity, vector
 from passloc_env.layout import StateLayout
+from passloc_env.linalg import inner
 from passloc_env.nuisance import Nuisance
 
 
@@ -226,11 +228,6 @@ def _spherical_j1(x: Array, sine: Array, cosine: Array) -> Array:
     return np.where(small, series, (sine - x * cosine) / np.where(small, 1.0, square))
 
 
-def _turned(vector: Array, sine: Array, cosine: Array) -> Array:
-    """A planar vector ``(2, N)`` turned to starboard."""
-    return np.stack([cosine * vector[0] + sine * vector[1], cosine * vector[1] - sine * vector[0]])
-
-
 @dataclass(frozen=True, kw_only=True)
 class UnknownTurn(Motion):
     """A coordinated turn whose rate is itself a state that walks randomly; nonlinear."""
@@ -282,28 +279,26 @@ class Manoeuvre(Motion):
     duration: Number = quantity("how long it lasts", unit="s", at_least=0)
     acceleration: Number = quantity("acceleration along the track", 0.0, unit="m/s²")
     turn_rate: Number = quantity("turn rate, positive to starboard", 0.0, unit="rad/s")
-    kind: Number = quantity("0 none, 1 acceleration, 2 turn, 3 both; often a Choice", 3.0, at_least=0, at_most=3)
+    kind: Number = quantity("0 none, 1 acceleration, 2 turn, 3 both", 3.0, at_least=0, at_most=3)
 
     def propagate(self, state: Array, layout: StateLayout, period: float, time: Array) -> Array:
         """The state ``(n, N)`` one period after ``time``."""
-        end = self.start + self.duration
-        share = np.clip(np.minimum(time + period, end) - np.maximum(time, self.start), 0.0, period) / period
-        accelerating = (np.equal(self.kind, 1.0) | np.equal(self.kind, 3.0)) * share
-        turning = np.greater_equal(self.kind, 2.0) * share
-        gain = 0.5 * period * self.acceleration * accelerating
-        half = 0.5 * period * self.turn_rate * turning
+        overlap = np.minimum(time + period, self.start + self.duration) - np.maximum(time, self.start)
+        overlap = np.maximum(overlap, 0.0)
+        gain = (0.5 * self.acceleration) * (np.fmod(self.kind, 2.0) * overlap)
+        half = (0.5 * self.turn_rate) * (np.greater_equal(self.kind, 2.0) * overlap)
 
         d = layout.dimension
-        moved = state + 0.0
-        moved[layout.position] += period * state[layout.velocity]
         velocity = state[d : d + 2]
-        speed = np.maximum(np.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1]), 1e-9)
+        speed = np.maximum(np.sqrt(inner(velocity, velocity)), 1e-9)
         sine, cosine = np.sin(half), np.cos(half)
-        middle = _turned(velocity / speed, sine, cosine)
-        sideways = np.stack([middle[1], -middle[0]])
+        middle = turned(velocity / speed, sine, cosine)
+        sideways = rows(middle[1], -middle[0])
         along, across = (speed + gain) * _sinc(half, sine), gain * _spherical_j1(half, sine, cosine)
-        moved[:2] = state[:2] + period * (along * middle + across * sideways)
-        moved[d : d + 2] = (speed + 2.0 * gain) * _turned(middle, sine, cosine)
+        moved = state.copy()
+        moved[:2] += period * (along * middle + across * sideways)
+        moved[2:d] += period * state[d + 2 : 2 * d]
+        moved[d : d + 2] = (speed + 2.0 * gain) * turned(middle, sine, cosine)
         return moved
 
     def noise_gain(self, layout: StateLayout, period: float) -> Array:

@@ -9,16 +9,16 @@ live in the difference; platforms without them report the truth.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from passloc_env.angles import direction, wrap
-from passloc_env.arrays import Array, Number
+from passloc_env.angles import direction, turned, wrap
+from passloc_env.arrays import Array, Number, rows
 from passloc_env.component import Component
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import abstract, option, quantity, vector
+from passloc_env.lazy import lazy
 from passloc_env.motion import sinc
 
 
@@ -32,15 +32,13 @@ class Pose:
         self,
         position: Array,
         velocity: Array,
-        acceleration: Array,
+        acceleration: Array | None = None,
         attitude: Array | None = None,
         attitude_rate: Array | None = None,
     ) -> None:
-        self.position, self.velocity, self.acceleration = position, velocity, acceleration
-        if attitude is not None:
-            self.attitude = attitude
-        if attitude_rate is not None:
-            self.attitude_rate = attitude_rate
+        self.position, self.velocity = position, velocity
+        given = {"acceleration": acceleration, "attitude": attitude, "attitude_rate": attitude_rate}
+        self.__dict__.update({name: value for name, value in given.items() if value is not None})
 
     @classmethod
     def join(cls, poses: list[Any]) -> Pose:
@@ -48,13 +46,18 @@ class Pose:
         names = ("position", "velocity", "acceleration", "attitude", "attitude_rate")
         return cls(*(np.concatenate([getattr(pose, name) for pose in poses], axis=-1) for name in names))
 
-    @cached_property
+    @lazy
+    def acceleration(self) -> Array:
+        """``(d, N)``, m/s²; zero unless the platform says otherwise."""
+        return np.zeros(self.position.shape)
+
+    @lazy
     def attitude(self) -> Array:
         """Body axes as rows ``(d, d, N)``; the axes of the frame unless the platform says otherwise."""
         d, n = self.position.shape
         return np.broadcast_to(np.eye(d)[..., None], (d, d, n))
 
-    @cached_property
+    @lazy
     def attitude_rate(self) -> Array:
         """Time derivative of :attr:`attitude`, rad/s."""
         return np.zeros((len(self.position), *self.position.shape))
@@ -82,9 +85,8 @@ class PlanarPose(Pose):
     """A pose in the plane whose body points along its heading."""
 
     def __init__(self, position: Array, velocity: Array, heading: Array, turn_rate: Array) -> None:
+        super().__init__(position, velocity)
         self.heading, self.turn_rate = heading, turn_rate
-        sideways = np.stack([velocity[1], -velocity[0]])
-        super().__init__(position, velocity, turn_rate * sideways)
 
     @classmethod
     def join(cls, poses: list[Any]) -> PlanarPose:
@@ -92,17 +94,22 @@ class PlanarPose(Pose):
         names = ("position", "velocity", "heading", "turn_rate")
         return cls(*(np.concatenate([getattr(pose, name) for pose in poses], axis=-1) for name in names))
 
-    @cached_property
+    @lazy
+    def acceleration(self) -> Array:
+        """That of the turn: rate times speed, to starboard ``(2, N)``."""
+        return self.turn_rate * rows(self.velocity[1], -self.velocity[0])
+
+    @lazy
     def attitude(self) -> Array:
         """Forward and starboard axes as rows ``(2, 2, N)``."""
         forward = direction(self.heading)
-        return np.stack([forward, np.stack([forward[1], -forward[0]])])
+        return rows(forward, rows(forward[1], -forward[0]))
 
-    @cached_property
+    @lazy
     def attitude_rate(self) -> Array:
         """Time derivative of the axes: forward turns towards starboard, starboard towards aft."""
         forward, starboard = self.attitude
-        return np.stack([self.turn_rate * starboard, -self.turn_rate * forward])
+        return rows(self.turn_rate * starboard, -self.turn_rate * forward)
 
 
 @abstract
@@ -140,9 +147,9 @@ class Platform(Component):
         """The true pose."""
         raise AssertionError(f"{type(self).__name__} must define pose")
 
-    def reported_pose(self, state: Array) -> Pose:
-        """The pose that tracker and agent get."""
-        return self.pose(state)
+    def reported_pose(self, state: Array, pose: Pose) -> Pose:
+        """The pose that tracker and agent get, given the true one."""
+        return pose
 
 
 def stack(values: tuple[Number, ...], environments: int) -> Array:
@@ -222,25 +229,31 @@ class TurnLimitedPlatform(Platform):
         return np.clip(wrap(heading - own_heading) / (self.max_turn_rate * interval), -1.0, 1.0)
 
     def move(self, state: Array, set_point: Array, period: float) -> Array:
-        """An arc at the turn rate, then the rest of the period straight."""
-        heading = state[2]
+        """An arc at the turn rate, then the rest of the period straight.
+
+        The chord of an arc of radius ``R`` that turns by ``φ`` is ``2 R sin(φ/2)`` long and points along the mid-arc
+        heading; lengths are in units of the speed.
+        """
         if self.control == "turn_rate":
-            turn = set_point[0] * period
-            arc: Array | float = period
             rate = set_point[0]
+            turn, straight = rate * period, 0.0
+            sine, cosine = np.sin(0.5 * turn), np.cos(0.5 * turn)
+            chord = period * sinc(0.5 * turn)
         else:
-            turn = wrap(set_point[0] - heading)
-            needed = np.abs(turn) / self.max_turn_rate
-            arc = np.minimum(needed, period)
-            turn = np.where(needed > period, np.copysign(self.max_turn_rate * period, turn), turn)
-            rate = np.where(needed > period, turn / period, 0.0)
-        middle, final = direction(heading + 0.5 * turn), direction(heading + turn)
-        chord = self.speed * arc * sinc(0.5 * turn)
+            limit = self.max_turn_rate * period
+            turn = np.minimum(np.maximum(wrap(set_point[0] - state[2]), -limit), limit)
+            size = np.abs(turn)
+            rate = np.where(size < limit, 0.0, turn / period)
+            straight = period - size / self.max_turn_rate
+            sine, cosine = np.sin(0.5 * turn), np.cos(0.5 * turn)
+            chord = (2.0 / self.max_turn_rate) * np.abs(sine)
+        middle = turned(state[4:], sine, cosine)
+        forward = turned(middle, sine, cosine)
         moved = np.empty(state.shape)
-        moved[:2] = state[:2] + chord * middle + self.speed * (period - arc) * final
-        moved[2] = wrap(heading + turn)
+        moved[:2] = state[:2] + self.speed * (chord * middle + straight * forward)
+        moved[2] = state[2] + turn
         moved[3] = rate
-        moved[4:] = final
+        moved[4:] = forward
         return moved
 
     def pose(self, state: Array) -> PlanarPose:

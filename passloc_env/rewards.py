@@ -8,7 +8,6 @@ carries each unweighted mean by name.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from passloc_env.component import Component
 from passloc_env.fields import abstract, quantity
 from passloc_env.information import Information, sigma_along
 from passloc_env.layout import StateLayout
+from passloc_env.lazy import lazy
 from passloc_env.metrics import log_range_bound, nees, relative_range_error
 from passloc_env.sightline import Scene
 
@@ -54,28 +54,28 @@ class Outcome:
         """True range ``(N,)``, m."""
         return self._sightline.range
 
-    @cached_property
+    @lazy
     def range_sigma(self) -> Array:
         """Posterior Cramér–Rao bound on the range, ``√(uᵀ C u)`` along the true line of sight ``(N,)``, m."""
         position = self.information.dynamics.layout.position
         return sigma_along(self.information.bound[position, position], self._sightline.direction)
 
-    @cached_property
+    @lazy
     def log_range_bound(self) -> Array:
         """``ln(σ_r / r)``, ``(N,)``."""
         return log_range_bound(self.range_sigma, self.range)
 
-    @cached_property
+    @lazy
     def position_error(self) -> Array:
         """Estimated minus true position ``(d, N)``, m."""
         return self.mean[self.layout.position] - self.scene.state[self.scene.layout.position]
 
-    @cached_property
+    @lazy
     def relative_range_error(self) -> Array:
         """Position error over true range ``(N,)`` (paper 000, eq. 26)."""
         return relative_range_error(self.position_error, self.range)
 
-    @cached_property
+    @lazy
     def nees(self) -> Array:
         """Normalised estimation error squared over the states that truth and tracker share ``(N,)``."""
         shared = _shared_rows(self.layout, self.scene.layout)
@@ -83,7 +83,7 @@ class Outcome:
         error = self.mean[theirs] - self.scene.state[[row for _, row in shared]]
         return nees(error, self.covariance[np.ix_(theirs, theirs)])
 
-    @cached_property
+    @lazy
     def violated(self) -> BoolArray:
         """Whether the true range is below ``min_range`` ``(N,)``."""
         return self.range < self.min_range

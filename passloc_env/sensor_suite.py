@@ -6,7 +6,7 @@ import numpy as np
 
 from passloc_env.angles import wrap_in_place
 from passloc_env.arrays import Array, BoolArray
-from passloc_env.linalg import LinearMap, cholesky
+from passloc_env.linalg import LinearMap, cholesky, diagonal, log_determinant
 from passloc_env.nuisance import Nuisance
 from passloc_env.sensors import Sensor
 from passloc_env.sightline import Scene
@@ -18,6 +18,8 @@ class SensorSuite:
     Attributes:
         size: number of scalars ``m``.
         noise_covariance: ``R (m, m, 1|N)``.
+        noise_pivots: squared diagonal of its Cholesky factor ``(m, 1|N)``.
+        noise_log_determinant: ``ln det R (1|N,)``.
     """
 
     def __init__(self, sensors: tuple[Sensor, ...], dense: bool = False) -> None:
@@ -28,7 +30,10 @@ class SensorSuite:
         angular = [angle for sensor in sensors for angle in sensor.angular]
         self._angles = _runs(angular)
         self.noise_covariance = self._stack_noise()
-        self._disturb = LinearMap(cholesky(self.noise_covariance).lower, dense=dense)
+        root = cholesky(self.noise_covariance).lower
+        self.noise_pivots = np.square(diagonal(root))
+        self.noise_log_determinant = log_determinant(root)
+        self._disturb = LinearMap(root, dense=dense)
         self.may_miss = may_miss(sensors)
 
     def _stack_noise(self) -> Array:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from passloc_env.angles import bearing_of
 from passloc_env.arrays import Array, Number
 from passloc_env.layout import StateLayout
+from passloc_env.lazy import lazy
 from passloc_env.linalg import inner
 from passloc_env.platforms import Pose
 
@@ -23,32 +22,32 @@ class Sightline:
         self._state, self._layout, self.pose = state, layout, pose
         self._middle = (slice(None), *(None,) * (state.ndim - 2))
 
-    @cached_property
+    @lazy
     def offset(self) -> Array:
         """Emitter position minus own position, ``(d, …, N)``, m."""
         return self._state[self._layout.position] - self.pose.position[self._middle]
 
-    @cached_property
+    @lazy
     def velocity(self) -> Array:
         """Emitter velocity minus own velocity, ``(d, …, N)``, m/s."""
         return self._state[self._layout.velocity] - self.pose.velocity[self._middle]
 
-    @cached_property
+    @lazy
     def range(self) -> Array:
         """Distance ``(…, N)``, m, at least a millimetre."""
         return np.maximum(np.sqrt(inner(self.offset, self.offset)), _CLOSEST)
 
-    @cached_property
+    @lazy
     def direction(self) -> Array:
         """Unit vector to the emitter ``(d, …, N)``."""
         return self.offset / self.range
 
-    @cached_property
+    @lazy
     def bearing(self) -> Array:
         """Compass bearing of the emitter ``(…, N)``, rad."""
         return bearing_of(self.offset)
 
-    @cached_property
+    @lazy
     def range_rate(self) -> Array:
         """Rate of change of the range ``(…, N)``, m/s."""
         return inner(self.offset, self.velocity) / self.range

@@ -77,11 +77,11 @@ class Simulation:
         for index, platform in enumerate(self.realised.platforms):
             moved = platform.move(self.platform_states[index], self._set_points[index], episode.period)
             self.platform_states[index][...] = moved
-        self.truth[...] = self.models.truth.dynamics.mean(self.truth, time)
-        self.models.truth.dynamics.disturb(self.truth, self._process_noise())
+        self._move_emitter(time)
         self.step_count += 1
 
-        scene, reported = self.scene(), self.reported_poses()
+        scene = self.scene()
+        reported = self.reported_poses(scene.poses)
         measurement, detected = self.measure(scene)
         self.track.predict(time)
         self.track.update(measurement, reported, detected)
@@ -103,22 +103,29 @@ class Simulation:
         detected = suite.detected(self.noise.detection(step)) if suite.may_miss else None
         return measurement, detected
 
-    def _process_noise(self) -> Array:
-        return self.noise.process(np.minimum(self.step_count, self.scenario.episode.steps - 1))
+    def _move_emitter(self, time: Array) -> None:
+        """Where the emitter goes in one period, process noise included."""
+        dynamics = self.models.truth.dynamics
+        dynamics.advance(self.truth, time)
+        if dynamics.noise_size:
+            step = np.minimum(self.step_count, self.scenario.episode.steps - 1)
+            dynamics.disturb(self.truth, self.noise.process(step))
 
     def _inform(self, scene: Scene, detected: BoolArray | None) -> None:
         """Account for what the measurement tells at the true geometry."""
         layout, suite = self.models.bound.layout, self.models.suite
         if layout != scene.layout:
             scene = Scene(layout.convert(scene.state, scene.layout), layout, scene.poses)
-        self.information.absorb(suite.jacobian(scene), suite.noise_covariance, detected)
+        self.information.absorb(suite.jacobian(scene), suite, detected)
 
     def _decide(self, action: Array) -> None:
         """Turn an action into set-points, relative to the believed lines of sight."""
         np.clip(action, -1.0, 1.0, out=self.action)
         emitter = self.track.mean[self.models.tracker.layout.position]
         first = 0
-        for index, (platform, pose) in enumerate(zip(self.realised.platforms, self.reported_poses(), strict=True)):
+        for index, (platform, pose) in enumerate(
+            zip(self.realised.platforms, self.reported_poses(self.poses()), strict=True)
+        ):
             part = self.action[first : first + platform.controls]
             first += platform.controls
             if platform.controls:
@@ -131,16 +138,18 @@ class Simulation:
             total[...] = 0.0
 
     def _score(self, scene: Scene) -> None:
-        """Add this step's share of the decision's reward and keep the flags."""
+        """Add this step's reward terms to the decision's and keep the flags."""
         self.outcome = self.look(scene)
-        share = 1.0 / self.scenario.episode.decision_every
         for term in self.scenario.reward:
-            value = term.score(self.outcome) * share
-            self.reward_terms[term.name] += value
-            self.reward += term.weight * value
+            self.reward_terms[term.name] += term.score(self.outcome)
         self.violated |= self.outcome.violated
 
     def _conclude(self) -> None:
+        """Average the decision's reward over its sensor steps and raise the flags."""
+        for term in self.scenario.reward:
+            total = self.reward_terms[term.name]
+            total /= self.scenario.episode.decision_every
+            self.reward += term.weight * total
         self.breached |= self.violated
         self.lost[...] = ~(self.outcome.relative_range_error <= self.scenario.episode.lost_error)
 
@@ -170,7 +179,7 @@ class Simulation:
     @property
     def time(self) -> Array:
         """Seconds since each episode began ``(N,)``."""
-        return self.step_count.astype(np.float64) * self.scenario.episode.period
+        return np.multiply(self.step_count, self.scenario.episode.period)
 
     @property
     def belief(self) -> Belief:
@@ -184,7 +193,7 @@ class Simulation:
             mean=self.track.mean,
             covariance=self.track.covariance,
             layout=self.models.tracker.layout,
-            poses=self.reported_poses(),
+            poses=self.reported_poses(self.poses()),
             platforms=self.realised.platforms,
             own_ship=self.scenario.own_ship,
             min_range=episode.min_range,
@@ -200,10 +209,10 @@ class Simulation:
         """The true pose of every platform."""
         return [p.pose(state) for p, state in zip(self.realised.platforms, self.platform_states, strict=True)]
 
-    def reported_poses(self) -> list[Pose]:
-        """The pose that every platform reports."""
-        pairs = zip(self.realised.platforms, self.platform_states, strict=True)
-        return [platform.reported_pose(state) for platform, state in pairs]
+    def reported_poses(self, poses: list[Pose]) -> list[Pose]:
+        """The pose that every platform reports, given the true ones."""
+        everything = zip(self.realised.platforms, self.platform_states, poses, strict=True)
+        return [platform.reported_pose(state, pose) for platform, state, pose in everything]
 
     def scene(self) -> Scene:
         """The true emitter seen from the true poses."""
@@ -225,7 +234,7 @@ class Simulation:
         self.action[:, columns] = 0.0
         scene = self.scene()
         measurement, _ = self.measure(scene)
-        self._start_tracking(columns, measurement, self.reported_poses())
+        self._start_tracking(columns, measurement, self.reported_poses(scene.poses))
         self.outcome = self.look(scene)
 
     def _place(self, columns: IntArray) -> None:
@@ -253,7 +262,7 @@ class Simulation:
 
     def _restart_where_broken(self, measurement: Array, reported: list[Pose]) -> None:
         """A tracker that went non-finite begins anew from the prior; the restart is counted as a repair."""
-        if np.isfinite(self.track.nis).all():
+        if np.logical_and.reduce(np.isfinite(self.track.nis)):
             return
         columns = np.flatnonzero(~np.isfinite(self.track.nis))
         repairs = self.track.repairs[columns] + 1

@@ -23,6 +23,7 @@ from passloc_env.errors import ScenarioError
 from passloc_env.fields import part, quantity
 from passloc_env.linalg import (
     cholesky,
+    cholesky_above,
     nearest_positive_definite,
     row_gram,
     solve_lower,
@@ -72,8 +73,8 @@ class UnscentedTrack(Track):
         """``x ← f(x)``, ``P ← F P Fᵀ + Q`` or its sigma-point form."""
         dynamics = self.models.dynamics
         if dynamics.linear:
-            self.mean[...] = dynamics.mean(self.mean, time)
-            self.covariance[...] = dynamics.covariance(self.covariance)
+            dynamics.advance(self.mean, time)
+            dynamics.spread(self.covariance)
             return
         points = self._points(self._offsets())
         moved = dynamics.mean(points, time)
@@ -97,8 +98,8 @@ class UnscentedTrack(Track):
         if detected is not None:
             _ignore_missing(innovation, cross, innovation_covariance, detected)
 
-        right = np.concatenate([cross, innovation[:, None]], axis=1)
-        whitened = solve_lower(cholesky(innovation_covariance).lower, right)
+        lower = cholesky_above(innovation_covariance, suite.noise_pivots)
+        whitened = solve_lower(lower, np.concatenate([cross, innovation[:, None]], axis=1))
         gain, residual = whitened[:, :-1], whitened[:, -1]
         self.mean += tree_sum(gain * residual[:, None])
         self.covariance -= row_gram(transpose(gain))
@@ -106,11 +107,10 @@ class UnscentedTrack(Track):
 
     def _offsets(self) -> Array:
         """Columns ``√(n+λ) L (n, n, N)``; repairs covariances that rounding has spoilt."""
-        lower, sound = cholesky(self.covariance)
+        lower, sound = cholesky(self.covariance, self._spread)
         if not sound:
             self._repair()
-            lower, _ = cholesky(self.covariance)
-        lower *= np.sqrt(self._spread)
+            lower, _ = cholesky(self.covariance, self._spread)
         return lower
 
     def _points(self, offsets: Array) -> Array:

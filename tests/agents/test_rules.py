@@ -14,7 +14,6 @@ from passloc_env.belief import Belief
 from passloc_env.layout import StateLayout
 from passloc_env.motion import ConstantVelocity
 from passloc_env.platforms import FixedStation, PlanarPose, TurnLimitedPlatform
-from passloc_env.simulation import Simulation
 
 AGILE = TurnLimitedPlatform(speed=1.0, max_turn_rate=math.inf)
 SLOW = TurnLimitedPlatform(speed=1.0, max_turn_rate=math.radians(3.0))

@@ -11,7 +11,7 @@ from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 
 # The same examples on every run and machine, and no clock: a slow machine is not a bug.
-settings.register_profile("passloc", deadline=None, derandomize=True, max_examples=40)
+settings.register_profile("passloc", deadline=None, derandomize=True, max_examples=100)
 settings.load_profile("passloc")
 
 

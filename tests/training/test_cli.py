@@ -1,0 +1,240 @@
+"""The command line: what it prints, what it writes, and one line on standard error for what it cannot do."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+pytest.importorskip("stable_baselines3")
+
+from agents import RULE_NAMES
+from passloc_env import SCENARIOS
+from passloc_env.scenarios import environment_id
+from training import cli
+
+ROOT = Path(__file__).parents[2]
+QUICK = ("--override", "episode.steps=8")
+YAML = "decisions: 64\nenvironments: 4\nrollout: 8\nbatch_size: 16\nepochs: 1\nnetwork: [4]\n"
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    """Commands write where they are called, and tables have room."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("training.progress.console", Console(width=200))
+    (tmp_path / "tiny.yaml").write_text(YAML, encoding="utf-8")
+
+
+@pytest.fixture
+def passloc(capsys):
+    """Runs a command in this process: its status, standard output and standard error."""
+
+    def passloc(*words):
+        try:
+            status = cli.main(list(words))
+        except SystemExit as exit_:
+            status = exit_.code
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return passloc
+
+
+@pytest.fixture
+def refused(passloc):
+    """Runs a command that must fail: the one line on standard error."""
+
+    def refused(*words):
+        status, out, err = passloc(*words)
+        assert (status, out) == (2, "")
+        assert err.startswith("passloc: ")
+        assert err.count("\n") == 1
+        assert err.endswith("\n")
+        return err
+
+    return refused
+
+
+def in_a_process(*words, module="training.cli"):
+    """The same as a user would type it, with no terminal."""
+    code = f"import sys; from {module} import main; sys.exit(main())"
+    command = (
+        [sys.executable, "-c", code, *words] if module == "training.cli" else [sys.executable, "-m", module, *words]
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "100"}
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300, check=False)
+
+
+def test_list_names_every_scenario_and_rule(passloc):
+    status, out, err = passloc("list")
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    for name, scenario in SCENARIOS.items():
+        (line,) = (line for line in lines if line.startswith(environment_id(name) + " "))
+        assert all(type(sensor).__name__ in line for sensor in scenario.sensors)
+        assert f"{scenario.episode.duration:.0f} s" in line
+    assert all(rule in out for rule in RULE_NAMES)
+
+
+def test_evaluate_prints_a_table_and_writes_the_file(passloc, tmp_path):
+    words = ("evaluate", "BearingsOnly", "--policies", "circle, straight", "--episodes", "6", "--json", "results.json")
+    status, out, err = passloc(*words, *QUICK)
+    assert (status, err) == (0, "")
+    assert "BearingsOnly: 6 episodes, seeds 1000000–1000005" in out
+    assert "circle" in out
+    assert "straight" in out
+    data = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert [policy["policy"] for policy in data["policies"]] == ["circle", "straight"]
+    assert (data["episodes"], data["seed"], data["scenario"]["episode"]["steps"]) == (6, 1_000_000, 8)
+    value = data["policies"][0]["log_range_bound"]["value"]
+    assert f"{value:.3f}" in out
+
+
+def test_evaluate_judges_every_rule_by_default(passloc):
+    status, out, _ = passloc("evaluate", "passloc/OwnShipModerate-v0", "--episodes", "2", "--seed", "7", *QUICK)
+    assert status == 0
+    assert "seeds 7–8" in out
+    for name in ("stationary", "random", "perpendicular", "fly-at", "legs"):
+        assert name in out
+    assert out.count("zigzag") == 2
+
+
+def test_evaluate_reads_scenario_files(passloc, tmp_path):
+    (tmp_path / "mine.yaml").write_text("name: Mine\nepisode: {steps: 8}\n", encoding="utf-8")
+    status, out, _ = passloc("evaluate", "mine.yaml", "--policies", "circle", "--episodes", "2")
+    assert status == 0
+    assert "Mine: 2 episodes" in out
+
+
+def test_train_then_evaluate_the_agent(passloc, tmp_path):
+    words = ("--hyperparameters", "tiny.yaml", "--quiet", "--override", "episode.steps=8", "sensors.0.sigma=1e-2")
+    status, out, err = passloc("train", "BearingsOnly", "--seed", "2", *words)
+    assert (status, err) == (0, "")
+    assert "runs/BearingsOnly-2" in out
+    card = json.loads((tmp_path / "runs/BearingsOnly-2/agent.json").read_text(encoding="utf-8"))
+    assert card["scenario"]["sensors"][0]["sigma"] == 0.01
+    status, out, err = passloc(
+        "evaluate", "BearingsOnly", "--policies", "runs/BearingsOnly-2,circle", "--episodes", "4", *QUICK
+    )
+    assert (status, err) == (0, "")
+    assert "BearingsOnly-2" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (("evaluate", "BearingOnly"), "did you mean 'BearingsOnly'?"),
+        (("train", "OwnShipModrate"), "did you mean 'OwnShipModerate'?"),
+        (("evaluate", "nowhere.yaml"), "cannot be read"),
+        (("evaluate", "."), "no such scenario"),
+        (("evaluate", "tiny.yaml"), "decisions"),
+        (("evaluate", "--policies", "cirle"), "did you mean 'circle'?"),
+        (("evaluate", "--policies", "circle,"), "policy"),
+        (("evaluate", "--policies", "zigzag:leg=x"), "name=number"),
+        (("evaluate", "--policies", "legs"), "no legs were published"),
+        (("evaluate", "--policies", "./"), "agent.json"),
+        (("evaluate", "--policies", "nowhere/agent.json"), "cannot read"),
+        (("evaluate", "--override", "episode.stepz=8"), "did you mean 'steps'?"),
+        (("evaluate", "--override", "episode.steps"), "dotted.name=value"),
+        (("evaluate", "--override", "episode.steps=["), "not readable YAML"),
+        (("evaluate", "--override", "episode.steps=-1"), "at least 1"),
+        (("evaluate", "--episodes", "0"), "at least 1"),
+        (("evaluate", "--episodes", "-3"), "at least 1"),
+        (("evaluate", "--episodes", "2", "--policies", "circle", "--seed", "-1", *QUICK), "seed"),
+        (("evaluate", "--json", "nowhere/results.json"), "nowhere"),
+        (("evaluate", "--episodes", "2", "--policies", "circle", "--json", ".", *QUICK), "."),
+        (("train", "--decisions", "0"), "decisions"),
+        (("train", "--hyperparameters", "nowhere.yaml"), "cannot read"),
+        (("train", "--hyperparameters", "tiny.yaml", "--seed", "-1", "--quiet", *QUICK), "seed"),
+        (("train", "--hyperparameters", "tiny.yaml", "--out", "."), "not empty"),
+        (("train", "--hyperparameters", "tiny.yaml", "--out", "tiny.yaml"), "tiny.yaml"),
+        (("demo", "--out", "."), "not empty"),
+        (("demo", "--decisions", "-1"), "decisions"),
+        (("demo", "--episodes", "0"), "at least 1"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_faults_are_one_line(refused, words, hint, monkeypatch):
+    # What is refused must be refused at once, not after minutes of training.
+    if words[0] == "demo":
+        monkeypatch.setattr("training.demo.run", lambda *arguments, **named: pytest.fail("trained before looking"))
+    assert hint in refused(*words)
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (("evalute",), "evaluate"),
+        (("evaluate", "--episode", "3"), "--episodes"),
+        (("train", "--seed", "one"), "seed"),
+        ((), "evaluate"),
+    ],
+    ids=str,
+)
+def test_typos_in_words_are_usage_errors(passloc, words, hint):
+    """Status 2, a hint and no traceback; nothing on standard output."""
+    status, out, err = passloc(*words)
+    assert (status, out) == (2, "")
+    assert hint in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("words", [("--help",), ("train", "--help"), ("evaluate", "--help"), ("demo", "--help")])
+def test_help(passloc, words):
+    status, out, err = passloc(*words)
+    assert (status, err) == (0, "")
+    assert "passloc" in out
+    assert len(out.splitlines()) > 10
+
+
+def test_an_interrupt_is_no_crash(passloc, monkeypatch):
+    def interrupt(*arguments, **named):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("training.demo.evaluate", interrupt)
+    assert passloc("evaluate", "--episodes", "2", "--policies", "circle") == (130, "", "passloc: interrupted\n")
+
+
+def test_bugs_are_not_hidden(monkeypatch):
+    """What is no fault of the input keeps its traceback."""
+
+    def broken(*arguments, **named):
+        raise ZeroDivisionError("bug")
+
+    monkeypatch.setattr("training.demo.evaluate", broken)
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["evaluate", "--episodes", "2", "--policies", "circle"])
+
+
+def test_in_a_process_of_its_own(tmp_path):
+    done = in_a_process("evaluate", "--policies", "circle", "--episodes", "2", "--json", "a b.json", *QUICK)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "circle" in done.stdout
+    data = json.loads((tmp_path / "a b.json").read_text(encoding="utf-8"))
+    assert data["provenance"]["command"].endswith("--json 'a b.json' --override episode.steps=8")
+
+
+def test_faults_in_a_process_of_its_own():
+    done = in_a_process("evaluate", "BearingOnly")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert "did you mean 'BearingsOnly'?" in done.stderr
+
+
+def test_python_m_training_train():
+    done = in_a_process("--help", module="training.train")
+    assert (done.returncode, done.stderr) == (0, "")
+    for option in ("--decisions", "--seed", "--out", "--hyperparameters", "--override"):
+        assert option in done.stdout
+
+
+def test_arguments_load_fast():
+    """Help must not wait for PyTorch."""
+    code = "import sys, training.cli; print(sorted({'torch', 'stable_baselines3', 'matplotlib'} & set(sys.modules)))"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout == "[]\n"
