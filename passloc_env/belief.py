@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from passloc_env.arrays import Array
+from passloc_env.arrays import Array, rows
 from passloc_env.component import Component
 from passloc_env.fields import quantity
 from passloc_env.layout import StateLayout
@@ -76,7 +76,7 @@ class Belief:
 def line_of_sight_axes(direction: Array) -> Array:
     """Orthonormal axes ``(d, d, N)`` as rows: along the line of sight, across it (starboard), and upward."""
     if len(direction) == 2:
-        return np.stack([direction, np.stack([direction[1], -direction[0]])])
+        return rows(direction, rows(direction[1], -direction[0]))
     horizontal = np.stack([direction[1], -direction[0], np.zeros(direction.shape[-1])])
     length = np.sqrt(inner(horizontal, horizontal))
     overhead = length < 1e-9
@@ -129,7 +129,7 @@ class BeliefFeatures(Component):
             if index != belief.own_ship
         ]
         sigma, correlation = self._spread(belief, axes, distance)
-        rows = [
+        parts = [
             np.log(distance / self.range_scale)[None],
             matvec(axes, own.velocity) / self.speed_scale,
             matvec(axes, belief.mean[layout.velocity]) / self.speed_scale,
@@ -139,8 +139,9 @@ class BeliefFeatures(Component):
             (belief.time_left / (belief.time + belief.time_left))[None],
             belief.last_action,
         ]
-        features = np.concatenate(rows)
-        np.clip(features, -OBSERVATION_LIMIT, OBSERVATION_LIMIT, out=features)
+        features = np.concatenate(parts)
+        np.minimum(features, OBSERVATION_LIMIT, out=features)
+        np.maximum(features, -OBSERVATION_LIMIT, out=features)
         features[np.isnan(features)] = 0.0
         return features
 
@@ -149,8 +150,8 @@ class BeliefFeatures(Component):
         layout = belief.layout
         covariance = _rotated(belief.covariance, axes, layout)
         sigma = np.sqrt(np.maximum(diagonal(covariance), 1e-300))
-        below, left = np.tril_indices(layout.size, -1)
-        correlation = covariance[below, left] / (sigma[below] * sigma[left])
+        relative = covariance / (sigma[:, None] * sigma)
+        correlation = np.concatenate([relative[row, :row] for row in range(1, layout.size)])
         scaled = sigma.copy()
         scaled[layout.position] /= distance
         scaled[layout.velocity] /= self.speed_scale

@@ -62,18 +62,21 @@ def from_dict(data: Mapping[str, Any], default: type[Component] | None = None) -
     Raises:
         ScenarioError: unknown type or field (with the closest valid one), missing field, impossible value.
     """
+    if not isinstance(data, Mapping):
+        raise ScenarioError("", data, "must be a mapping of fields")
     fields = dict(data)
     name = fields.pop("type", None)
     if name is None and default is not None:
         kind = default
-    elif isinstance(name, str) and name in Component.registry:
+    elif isinstance(name, str) and name in Component.registry and dataclasses.is_dataclass(Component.registry[name]):
         kind = Component.registry[name]
     else:
-        raise unknown_name("type", name, Component.registry, "component type")
+        concrete = [known for known, kind in Component.registry.items() if dataclasses.is_dataclass(kind)]
+        raise unknown_name("type", name, concrete, "component type")
     known = specs(kind)
     for key in fields:
         if key not in known:
-            raise unknown_name(str(key), fields[key], known, f"field of {kind.__name__}")
+            raise unknown_name(str(key), fields[key], known, f"field of {kind.__name__}", name=key)
     required = {f.name for f in dataclasses.fields(kind) if is_required(f)}  # type: ignore[arg-type]
     for key in sorted(required - set(fields)):
         raise ScenarioError(key, None, f"{kind.__name__} needs it: {known[key].doc}")

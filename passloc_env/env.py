@@ -9,8 +9,9 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from passloc_env.actions import finite_actions
 from passloc_env.belief import Belief
-from passloc_env.errors import ActionError, NotResetError
+from passloc_env.errors import NotResetError
 from passloc_env.scenario import Scenario
 from passloc_env.vector_env import LocalisationVectorEnv
 
@@ -37,7 +38,7 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     ## Observation Space
 
     ``Box(-10, 10, (f,), float32)``: the belief in the frame of its own line of sight. For a planar position-velocity
-    state and one platform f = 18:
+    state and one platform f = 17:
 
     | Index | Feature | Scale |
     |---|---|---|
@@ -117,6 +118,7 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             ScenarioError: an unknown option.
         """
+        self._batch_of_one.check_options(options)
         super().reset(seed=seed)
         self._batch_of_one.batch.generators[0] = self.np_random
         observation, info = self._batch_of_one.reset(options=options)
@@ -132,10 +134,9 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             ActionError: wrong shape, NaN or infinite entries; nothing has changed.
             NotResetError: before the first reset or after the episode's end; nothing has changed.
         """
-        if np.shape(action) != self.action_space.shape:
-            raise ActionError(f"the action has shape {np.shape(action)}, expected {self.action_space.shape}")
+        flown = finite_actions(action, (self.scenario.action_size,))[None]
         try:
-            observation, reward, terminated, truncated, info = self._batch_of_one.step(np.asarray(action)[None])
+            observation, reward, terminated, truncated, info = self._batch_of_one.step(flown)
         except NotResetError:
             raise NotResetError("no episode is running: call reset() first") from None
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)

@@ -28,12 +28,20 @@ class ScenarioError(InputError):
         return ScenarioError(f"{prefix}.{self.field}" if self.field else prefix, self.value, self.allowed)
 
 
-def unknown_name(field: str, name: object, valid: Iterable[str], noun: str) -> ScenarioError:
-    """The error for a name that does not exist, with the closest one that does."""
+def unknown_name(field: str, value: object, valid: Iterable[str], noun: str, name: object = None) -> ScenarioError:
+    """The error for a name that does not exist, with the closest one that does.
+
+    Args:
+        field: dotted name of where it was found.
+        value: what was given there.
+        valid: the names that exist.
+        noun: what they name.
+        name: the unknown name, when it is not the value itself.
+    """
     valid = sorted(valid)
-    close = difflib.get_close_matches(str(name), valid, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(str(value if name is None else name), valid, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""
-    return ScenarioError(field, name, f"no such {noun}; {hint}known: {', '.join(valid)}")
+    return ScenarioError(field, value, f"no such {noun}; {hint}known: {', '.join(valid)}")
 
 
 class ActionError(InputError):

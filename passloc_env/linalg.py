@@ -75,8 +75,8 @@ class Factor(NamedTuple):
 def cholesky(matrix: Array, scale: float = 1.0) -> Factor:
     """Lower Cholesky factor of ``scale`` times symmetric matrices ``(n, n, …, N)``; never raises.
 
-    A pivot that is not above 1e-14 of its diagonal entry is replaced by that floor and ``sound`` is False;
-    :func:`nearest_positive_definite` then tells what to factor instead.
+    Where a pivot is not above 1e-14 of its diagonal entry, ``sound`` is False and the factor of that matrix is
+    meaningless; :func:`nearest_positive_definite` then tells what to factor instead.
     """
     n = len(matrix)
     rest = np.multiply(matrix, scale, order="C")
@@ -87,8 +87,13 @@ def cholesky(matrix: Array, scale: float = 1.0) -> Factor:
         column = np.divide(rest[j:, j], root, out=lower[j:, j])[1:]
         if j + 1 < n:
             rest[j + 1 :, j + 1 :] -= column[:, None] * column
+    return Factor(lower, bool(np.logical_and.reduce(_sound_pivots(lower, floors), axis=None)))
+
+
+def _sound_pivots(lower: Array, floors: Array) -> BoolArray:
+    """Which pivots ``(n, …)`` stood above their floors; a pivot that did not left a small or negative quotient."""
     pivots = _flat_diagonal(lower)
-    return Factor(lower, bool(np.logical_and.reduce(pivots * pivots > 2.0 * floors, axis=None)))
+    return pivots * np.abs(pivots) > 2.0 * floors
 
 
 def cholesky_above(matrix: Array, floors: Array) -> Array:
@@ -116,9 +121,8 @@ def _flat_diagonal(matrix: Array) -> Array:
 def unsound(matrix: Array) -> BoolArray:
     """Which matrices of the batch ``(n, n, N)`` are not numerically positive definite, as a mask ``(N,)``."""
     with np.errstate(all="ignore"):
-        pivots = diagonal(cholesky(matrix).lower)
-        healthy = (pivots * pivots > 2.0 * _PIVOT_FLOOR * diagonal(matrix)).all(axis=0)
-    return np.logical_not(healthy)
+        floors = _PIVOT_FLOOR * diagonal(matrix)
+        return ~np.logical_and.reduce(_sound_pivots(cholesky(matrix).lower, floors), axis=0)
 
 
 def nearest_positive_definite(matrix: Array) -> Array:
@@ -185,6 +189,7 @@ class LinearMap:
                 entries = np.moveaxis(np.diagonal(self.matrix, offset), -1, 0)[first:last]
                 self._runs.append((row, column, np.ascontiguousarray(entries)))
         self._in_place = self._identity and self._reads_before_it_writes()
+        self._is_diagonal = not self._identity and len(self._runs) == 1 and self._runs[0][:2] == (slice(0, rows),) * 2
 
     def _reads_before_it_writes(self) -> bool:
         """Whether no run reads rows that an earlier one has written."""
@@ -197,6 +202,8 @@ class LinearMap:
 
     def __call__(self, vectors: Array) -> Array:
         """``A x`` for ``(n, …, N)``, a new array ``(m, …, N)``."""
+        if self._is_diagonal and vectors.ndim == 2:
+            return self._runs[0][2] * vectors
         result = vectors.copy() if self._identity else np.zeros((len(self.matrix), *vectors.shape[1:]))
         self._add_runs(vectors, result)
         return result

@@ -14,8 +14,8 @@ import numpy as np
 
 from passloc_env.arrays import Array, IntArray
 
-_KINDS = 4
-_BEGINNING, _MEASUREMENT, _PROCESS, _DETECTION = range(_KINDS)
+_KINDS = 6
+_QUANTITIES, _PRIOR, _NUISANCES, _MEASUREMENT, _PROCESS, _DETECTION = range(_KINDS)
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class NoiseSizes:
 
     Attributes:
         uniforms: for the scenario's quantities.
-        normals: for the prior and the true nuisance states.
+        prior: normals for the prior.
+        nuisances: true nuisance states.
         steps: sensor steps.
         measurement: scalars per measurement.
         process: process noises per step.
@@ -32,7 +33,8 @@ class NoiseSizes:
     """
 
     uniforms: int
-    normals: int
+    prior: int
+    nuisances: int
     steps: int
     measurement: int
     process: int
@@ -45,7 +47,8 @@ class EpisodeNoise:
     def __init__(self, sizes: NoiseSizes, environments: int) -> None:
         self._sizes = sizes
         self.uniforms: Array = np.zeros((sizes.uniforms, environments))
-        self.normals: Array = np.zeros((sizes.normals, environments))
+        self.prior: Array = np.zeros((sizes.prior, environments))
+        self.nuisances: Array = np.zeros((sizes.nuisances, environments))
         self._measurement: Array = np.zeros((environments, sizes.steps + 1, sizes.measurement))
         self._process: Array = np.zeros((environments, sizes.steps, sizes.process))
         self._detection: Array = np.zeros((environments, sizes.steps + 1, sizes.detection))
@@ -54,11 +57,13 @@ class EpisodeNoise:
         self._generator = np.random.Generator(self._bits)
 
     def draw(self, column: int, generator: np.random.Generator) -> None:
-        """Draw a whole episode for one environment; takes one block of 16 words from its generator."""
+        """Draw a whole episode for one environment; takes one block of words from its generator."""
         keys = generator.integers(2**64, size=(_KINDS, 4), dtype=np.uint64).tolist()
-        beginning = self._stream(keys[_BEGINNING])
-        self.uniforms[:, column] = beginning.random(len(self.uniforms))
-        self.normals[:, column] = beginning.standard_normal(len(self.normals))
+        self.uniforms[:, column] = self._stream(keys[_QUANTITIES]).random(self._sizes.uniforms)
+        if self._sizes.prior:
+            self.prior[:, column] = self._stream(keys[_PRIOR]).standard_normal(self._sizes.prior)
+        if self._sizes.nuisances:
+            self.nuisances[:, column] = self._stream(keys[_NUISANCES]).standard_normal(self._sizes.nuisances)
         self._stream(keys[_MEASUREMENT]).standard_normal(out=self._measurement[column])
         if self._sizes.process:
             self._stream(keys[_PROCESS]).standard_normal(out=self._process[column])
@@ -88,7 +93,8 @@ class EpisodeNoise:
         """All numbers, by kind, batch axis last."""
         return {
             "uniforms": self.uniforms,
-            "normals": self.normals,
+            "prior": self.prior,
+            "nuisances": self.nuisances,
             "measurement": np.moveaxis(self._measurement, 0, -1),
             "process": np.moveaxis(self._process, 0, -1),
             "detection": np.moveaxis(self._detection, 0, -1),

@@ -23,7 +23,9 @@ def override(component: Component, changes: Mapping[str, Any]) -> Component:
         for key in path:
             branch = branch.setdefault(key, {})
             if isinstance(branch, _Leaf):
-                raise ScenarioError(str(name), value, "a part of it is already replaced as a whole")
+                raise ScenarioError(str(name), value, "is replaced as a whole and in part at once")
+        if leaf in branch:
+            raise ScenarioError(str(name), value, "is replaced as a whole and in part at once")
         branch[leaf] = _Leaf(value)
     return _apply(component, tree, "")
 
@@ -38,7 +40,8 @@ def _apply(component: Component, tree: Mapping[str, Any], path: str) -> Componen
     fields: dict[str, Any] = {}
     for key, change in tree.items():
         if key not in known:
-            raise unknown_name(path + key, key, known, f"field of {type(component).__name__}")
+            given = change.value if isinstance(change, _Leaf) else key
+            raise unknown_name(path + key, given, known, f"field of {type(component).__name__}", name=key)
         current = getattr(component, key)
         fields[key] = change.value if isinstance(change, _Leaf) else _inside(current, change, f"{path}{key}.")
     try:
@@ -62,7 +65,7 @@ def _inside(current: Any, tree: Mapping[str, Any], path: str) -> Any:
 
 def _index(items: list[Any], key: str, path: str) -> int:
     """The position of a list item named by number or by class name."""
-    if key.isdigit() and int(key) < len(items):
+    if key.isascii() and key.isdigit() and int(key) < len(items):
         return int(key)
     names = [type(item).__name__ for item in items]
     if names.count(key) == 1:

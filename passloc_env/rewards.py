@@ -105,7 +105,7 @@ class RewardTerm(Component):
     weight: float
 
     def score(self, outcome: Outcome) -> Array:
-        """The unweighted term ``(N,)`` after one sensor step; larger is better."""
+        """The unweighted term ``(N,)`` after one sensor step; larger is better. May be a view."""
         raise AssertionError(f"{type(self).__name__} must define score")
 
 
@@ -130,7 +130,7 @@ class GramGain(RewardTerm):
 
     def score(self, outcome: Outcome) -> Array:
         """The gain of this step's measurement."""
-        return outcome.information.gram_gain.copy()
+        return outcome.information.gram_gain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +158,7 @@ class KeepOut(RewardTerm):
         if outcome.min_range == 0.0:
             return np.zeros(outcome.range.shape)
         depth = (1.0 + self.margin - outcome.range / outcome.min_range) / self.margin
-        return -np.clip(depth, 0.0, 1.0)
+        return -np.minimum(np.maximum(depth, 0.0), 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

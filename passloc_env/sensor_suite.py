@@ -64,14 +64,13 @@ class SensorSuite:
     def difference(self, left: Array, right: Array) -> Array:
         """``left − right`` for measurements ``(m, …, N)``, angles around the circle; a new array."""
         gap = left - right
-        for angles in self._angles:
-            wrap_in_place(gap[angles])
+        self.wrap(gap)
         return gap
 
-    def wrap(self, measurement: Array) -> None:
-        """Bring the angles of a measurement ``(m, …, N)`` to [-π, π] in place."""
+    def wrap(self, gap: Array) -> None:
+        """Bring the angles among measurement differences ``(m, …, N)`` to [-π, π] in place."""
         for angles in self._angles:
-            wrap_in_place(measurement[angles])
+            wrap_in_place(gap[angles])
 
     def detected(self, uniforms: Array) -> BoolArray:
         """Which scalars ``(m, N)`` are measured, from one uniform draw per sensor ``(s, N)``."""

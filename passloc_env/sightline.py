@@ -64,15 +64,16 @@ class Scene:
 
     def __init__(self, state: Array, layout: StateLayout, poses: list[Pose]) -> None:
         self.state, self.layout, self.poses = state, layout, poses
-        self._sightlines: dict[tuple[int, tuple[Number, ...]], Sightline] = {}
+        self._sightlines: dict[tuple[int, ...], Sightline] = {}
 
     def sightline(self, platform: int, lever_arm: tuple[Number, ...] = ()) -> Sightline:
         """The line from a point of a platform to the emitter, computed on first use."""
-        key = (platform, tuple(id(arm) if isinstance(arm, np.ndarray) else arm for arm in lever_arm))
-        if key not in self._sightlines:
-            pose = self.poses[platform].mounted(lever_arm)
-            self._sightlines[key] = Sightline(self.state, self.layout, pose)
-        return self._sightlines[key]
+        key = (platform, *map(id, lever_arm))
+        line = self._sightlines.get(key)
+        if line is None:
+            line = Sightline(self.state, self.layout, self.poses[platform].mounted(lever_arm))
+            self._sightlines[key] = line
+        return line
 
     def nuisance(self, name: str) -> Array:
         """A nuisance state ``(…, N)``."""

@@ -94,12 +94,14 @@ class Simulation:
             watch(self)
 
     def measure(self, scene: Scene) -> tuple[Array, BoolArray | None]:
-        """The noisy measurement ``(m, N)`` of the true scene, and what of it was detected (None: all)."""
+        """The noisy measurement ``(m, N)`` of the true scene, and what of it was detected (None: all).
+
+        Angles may lie outside ±π by their noise; whoever compares them does so around the circle.
+        """
         suite = self.models.suite
         step = np.minimum(self.step_count, self.scenario.episode.steps)
         measurement = suite.measure(scene)
         measurement += suite.noise(self.noise.measurement(step))
-        suite.wrap(measurement)
         detected = suite.detected(self.noise.detection(step)) if suite.may_miss else None
         return measurement, detected
 
@@ -140,13 +142,13 @@ class Simulation:
     def _score(self, scene: Scene) -> None:
         """Add this step's reward terms to the decision's and keep the flags."""
         self.outcome = self.look(scene)
-        for term in self.scenario.reward:
+        for term in self.realised.reward:
             self.reward_terms[term.name] += term.score(self.outcome)
         self.violated |= self.outcome.violated
 
     def _conclude(self) -> None:
         """Average the decision's reward over its sensor steps and raise the flags."""
-        for term in self.scenario.reward:
+        for term in self.realised.reward:
             total = self.reward_terms[term.name]
             total /= self.scenario.episode.decision_every
             self.reward += term.weight * total
@@ -203,7 +205,7 @@ class Simulation:
     def observe(self) -> Array:
         """The observation features ``(f, N)``; a new array."""
         with np.errstate(all="ignore"):
-            return self.scenario.observation.observe(self.belief)
+            return self.realised.observation.observe(self.belief)
 
     def poses(self) -> list[Pose]:
         """The true pose of every platform."""
@@ -220,8 +222,12 @@ class Simulation:
 
     def reset(self, columns: IntArray, generators: Sequence[np.random.Generator]) -> None:
         """Begin new episodes in the given environments, one generator each, in the order of ``columns``."""
-        if not len(columns):
-            return
+        if len(columns):
+            # Environments that have never been reset hold no geometry yet, and nobody looks at them.
+            with np.errstate(all="ignore"):
+                self._reset(columns, generators)
+
+    def _reset(self, columns: IntArray, generators: Sequence[np.random.Generator]) -> None:
         for column, generator in zip(columns, generators, strict=True):
             self.noise.draw(int(column), generator)
         self._randomisation.sample(columns, self.noise.uniforms[:, columns])
@@ -243,8 +249,7 @@ class Simulation:
         start = self.realised.target.start.sample(n)
         self.truth[:, columns] = 0.0
         self.truth[: len(start), columns] = start[:, columns]
-        scatter = self.noise.normals[self._prior_normals :]
-        for nuisance, normal in zip(self.models.truth_nuisances, scatter, strict=True):
+        for nuisance, normal in zip(self.models.truth_nuisances, self.noise.nuisances, strict=True):
             self.truth[layout.nuisance_row(nuisance.name), columns] = (nuisance.sigma * normal)[columns]
         for index, platform in enumerate(self.realised.platforms):
             self.platform_states[index][:, columns] = platform.start(n)[:, columns]
@@ -281,7 +286,7 @@ class Simulation:
             measurement=measurement,
             suite=self.models.suite,
             pose=reported[self.realised.prior.carrier_platform(self.scenario.sensors)],
-            normals=self.noise.normals[: self._prior_normals],
+            normals=self.noise.prior,
             nuisances=self.models.tracker_nuisances,
         )
 
@@ -294,14 +299,11 @@ class Simulation:
             self.models = self._build_models()
             self.track.models, self.information.dynamics = self.models.tracker, self.models.bound.dynamics
 
-    @property
-    def _prior_normals(self) -> int:
-        return self.scenario.prior.normals_needed(self.models.tracker.layout)
-
     def _noise_sizes(self) -> NoiseSizes:
         return NoiseSizes(
             uniforms=self._randomisation.size,
-            normals=self._prior_normals + len(self.models.truth_nuisances),
+            prior=self.scenario.prior.normals_needed(self.models.tracker.layout),
+            nuisances=len(self.models.truth_nuisances),
             steps=self.scenario.episode.steps,
             measurement=self.models.suite.size,
             process=self.models.truth.dynamics.noise_size,

@@ -9,10 +9,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from passloc_env.actions import finite_actions
 from passloc_env.arrays import Array, BoolArray
 from passloc_env.batch import Batch
 from passloc_env.belief import Belief
-from passloc_env.errors import ActionError, NotResetError, unknown_name
+from passloc_env.errors import NotResetError, unknown_name
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
 from passloc_env.spaces import action_space, observation_space
@@ -22,7 +23,7 @@ _RESET_MASK = "reset_mask"
 
 
 class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Many localisation problems stepped together, about 500 times faster than one by one.
+    """Many localisation problems stepped together, hundreds of times faster than one by one.
 
     Semantics, seeds and results are those of :class:`~passloc_env.env.LocalisationEnv`: environment ``i`` of a batch
     meets the same episode, bit for bit, as a single environment reset with ``seed + i``, whatever the batch size.
@@ -94,8 +95,8 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         mask = self._checked_mask(options)
         seeds = self._checked_seeds(seed)
-        if isinstance(seed, (int, np.integer)):
-            super().reset(seed=int(seed))
+        if seed is not None and _is_seed(seed):
+            super().reset(seed=int(seed))  # type: ignore[arg-type]
         for index in np.flatnonzero(mask):
             self.batch.seed(int(index), seeds[index])
         self._begin(mask)
@@ -172,6 +173,9 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go back to a snapshot; ValueError, with nothing changed, when it is of another shape."""
+        missing = {"arrays", "generators", "ended", "started"} - set(state)
+        if missing:
+            raise ValueError(f"the state lacks {', '.join(sorted(missing))}")
         if len(state["generators"]) != self.num_envs:
             raise ValueError(f"the state holds {len(state['generators'])} environments, expected {self.num_envs}")
         self.batch.set_arrays(state["arrays"])
@@ -180,16 +184,7 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._ended, self._started = state["ended"].copy(), state["started"].copy()
 
     def _checked_actions(self, actions: np.ndarray) -> Array:
-        shape = (self.num_envs, self.scenario.action_size)
-        try:
-            checked = np.asarray(actions, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise ActionError(f"actions must be numbers of shape {shape}, got {actions!r}") from None
-        if checked.shape != shape:
-            raise ActionError(f"actions have shape {checked.shape}, expected {shape}: one row per environment")
-        if not np.isfinite(checked).all():
-            bad = np.flatnonzero(~np.isfinite(checked).all(axis=1)).tolist()
-            raise ActionError(f"actions of environments {bad[:8]} are NaN or infinite")
+        checked = finite_actions(actions, (self.num_envs, self.scenario.action_size))
         if not self._started.all():
             raise NotResetError("step was called before reset: call reset() first")
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
@@ -200,27 +195,43 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return checked
 
     def _checked_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, (int, np.integer)):
-            return [int(seed) + index for index in range(self.num_envs)]
+        if seed is None or _is_seed(seed):
+            return [None if seed is None else int(seed) + index for index in range(self.num_envs)]  # type: ignore[arg-type]
+        if isinstance(seed, str) or not isinstance(seed, Sequence | np.ndarray):
+            raise ValueError(
+                f"seed = {seed!r} is not possible: must be a whole number of at least 0, or a list of them"
+            )
         if len(seed) != self.num_envs:
             raise ValueError(f"seed has length {len(seed)}, expected one for each of {self.num_envs} environments")
+        for index, item in enumerate(seed):
+            if item is not None and not _is_seed(item):
+                raise ValueError(
+                    f"seed {index} = {item!r} is not possible: must be a whole number of at least 0, or None"
+                )
         return [None if item is None else int(item) for item in seed]
 
-    def _checked_mask(self, options: dict[str, Any] | None) -> BoolArray:
-        options = options or {}
-        for key in options:
+    def check_options(self, options: Mapping[str, Any] | None) -> None:
+        """Raise ScenarioError when there is a reset option that does not exist."""
+        for key in options or {}:
             if key != _RESET_MASK:
                 raise unknown_name("options", key, [_RESET_MASK], "reset option")
+
+    def _checked_mask(self, options: dict[str, Any] | None) -> BoolArray:
+        self.check_options(options)
+        options = options or {}
         if _RESET_MASK not in options:
             return np.ones(self.num_envs, bool)
         mask = options[_RESET_MASK]
         if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
-            raise ValueError(f"reset_mask must be a boolean array of shape ({self.num_envs},), got {mask!r}")
+            found = f"{mask.dtype} {mask.shape}" if isinstance(mask, np.ndarray) else type(mask).__name__
+            raise ValueError(f"reset_mask must be a boolean array of shape ({self.num_envs},), got {found}")
         if not mask.any():
             raise ValueError("reset_mask is false everywhere: it must name at least one environment")
         return mask.copy()
+
+
+def _is_seed(seed: object) -> bool:
+    return isinstance(seed, (int, np.integer)) and not isinstance(seed, bool) and bool(seed >= 0)
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -144,11 +145,8 @@ class FilterPyTrack(Track):
             noise = _of(suite.noise_covariance, column)
             if detected is not None:
                 noise = noise + np.diag(np.where(detected[:, column], 0.0, _UNDETECTED * np.diag(noise)))
-            z = unwrapped[:, column]
-            self._attempt(column, filter_, lambda f=filter_, z=z, noise=noise: f.update(z, R=noise))  # type: ignore[misc]
-            if np.isfinite(self.nis[column]):
-                innovation = np.asarray(filter_.y).ravel()
-                self.nis[column] = innovation @ np.linalg.solve(filter_.S, innovation)
+            self._attempt(column, filter_, functools.partial(filter_.update, unwrapped[:, column], R=noise))
+            self._judge(column, filter_)
 
     def _attempt(self, column: int, filter_: Any, action: Callable[[], None]) -> None:
         """Run a filter's step and read its belief back."""
@@ -159,6 +157,15 @@ class FilterPyTrack(Track):
             return
         self.mean[:, column] = np.asarray(filter_.x).ravel()
         self.covariance[..., column] = 0.5 * (filter_.P + filter_.P.T)
+
+    def _judge(self, column: int, filter_: Any) -> None:
+        """Normalised innovation squared of a filter that says how surprised it was; a broken one stays infinite."""
+        if not np.isfinite(self.mean[:, column]).all() or not np.isfinite(self.covariance[..., column]).all():
+            self.nis[column] = np.inf
+        elif np.isfinite(self.nis[column]) and hasattr(filter_, "y") and hasattr(filter_, "S"):
+            innovation = np.asarray(filter_.y).ravel()
+            solution, *_ = np.linalg.lstsq(np.asarray(filter_.S), innovation)
+            self.nis[column] = innovation @ solution
 
     def _everywhere(self, x: Array) -> Array:
         """One state for all environments, so that each reads its own column of the batched models."""

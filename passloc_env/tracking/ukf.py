@@ -89,18 +89,25 @@ class UnscentedTrack(Track):
         n = len(self.mean)
         offsets = self._offsets()
         predicted = suite.measure(Scene(self._points(offsets), self.models.layout, poses))
-        deviations = transpose(suite.difference(predicted[:, 1:], predicted[:, :1]))
+        centre = predicted[:, :1].copy()
+        predicted[:, 0] = measurement
+        predicted -= centre
+        suite.wrap(predicted)
+        deviations = transpose(predicted[:, 1:])
         shift = self._weight * tree_sum(deviations.copy())
         innovation_covariance = self._moment(deviations, shift) + suite.noise_covariance
+
+        right = np.empty((suite.size, n + 1, self.mean.shape[1]))
+        cross, innovation = right[:, :n], right[:, n]
         slopes = deviations[:n] - deviations[n:]
-        cross = self._weight * tree_sum(slopes[:, :, None] * transpose(offsets)[:, None])
-        innovation = suite.difference(measurement, predicted[:, 0] + shift)
+        np.multiply(tree_sum(slopes[:, :, None] * transpose(offsets)[:, None]), self._weight, out=cross)
+        np.subtract(predicted[:, 0], shift, out=innovation)
         if detected is not None:
             _ignore_missing(innovation, cross, innovation_covariance, detected)
 
         lower = cholesky_above(innovation_covariance, suite.noise_pivots)
-        whitened = solve_lower(lower, np.concatenate([cross, innovation[:, None]], axis=1))
-        gain, residual = whitened[:, :-1], whitened[:, -1]
+        whitened = solve_lower(lower, right)
+        gain, residual = whitened[:, :n], whitened[:, n]
         self.mean += tree_sum(gain * residual[:, None])
         self.covariance -= row_gram(transpose(gain))
         self.nis[...] = tree_sum(residual * residual)
@@ -132,7 +139,9 @@ class UnscentedTrack(Track):
         return moment
 
     def _repair(self) -> None:
-        broken = unsound(self.covariance)
+        # What is not finite stays so: the innovation will show it, and the simulation begins that track anew.
+        finite = np.isfinite(self.covariance).all(axis=(0, 1))
+        broken = unsound(self.covariance) & finite
         self.covariance[..., broken] = nearest_positive_definite(self.covariance[..., broken])
         self.repairs[broken] += 1
 

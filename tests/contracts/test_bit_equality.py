@@ -13,6 +13,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from passloc_env import SCENARIOS, LocalisationEnv, LocalisationVectorEnv
+from passloc_env.batch import TILE
 
 ROOT = Path(__file__).parents[2]
 DECISIONS = {1: 20, 3: 16, 17: 10}
@@ -84,11 +85,12 @@ def assert_belief_is_part(whole, part, own, assert_same):
 
 
 def test_tiles_change_nothing(vector_env, actions, rows, assert_same):
-    name, size = "BearingDopplerUnknownCarrier", 2500
-    whole = vector_env(size, name, "SameStep")
-    assert len(whole.batch.tiles) > 2
-    slices = [slice(0, 3), slice(1022, 1027), slice(2047, 2050), slice(2499, 2500)]
-    parts = [(part, vector_env(part.stop - part.start, name, "SameStep")) for part in slices]
+    name, size = "BearingDopplerUnknownCarrier", max(2500, TILE + 452)
+    ends_soon = {"episode.lost_error": 0.3}
+    whole = vector_env(size, name, "SameStep", **ends_soon)
+    assert len(whole.batch.tiles) > 1
+    slices = [slice(0, 3), slice(TILE - 2, TILE + 3), slice(size - 1, size)]
+    parts = [(part, vector_env(part.stop - part.start, name, "SameStep", **ends_soon)) for part in slices]
 
     batched = whole.reset(seed=100)
     singles = [env.reset(seed=100 + part.start) for part, env in parts]

@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import passloc_env
 from passloc_env import SCENARIOS, LocalisationEnv, LocalisationVectorEnv, Scenario, ScenarioError, observation_names
+from passloc_env.batch import TILE
 from passloc_env.scenarios import environment_id
 
 IDS = [environment_id(name) for name in SCENARIOS]
@@ -240,7 +241,7 @@ def test_spoiling_what_a_scalar_returned_changes_nothing(name, short, actions, a
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-@pytest.mark.parametrize("size", [3, 1030])
+@pytest.mark.parametrize("size", [3, TILE + 3])
 def test_spoiling_what_a_vector_returned_changes_nothing(mode, size, vector_env, actions, assert_same):
     careful, careless = vector_env(size, mode=mode), vector_env(size, mode=mode)
     careful.reset(seed=1)
@@ -279,3 +280,54 @@ def test_observations_stay_in_their_box(name, vector_env, actions):
         for final in info.get("final_obs", []):
             assert final is None or final in env.single_observation_space
         assert ("final_obs" in info) == (terminated | truncated).any()
+
+
+@pytest.mark.parametrize("early_end", [True, False])
+def test_violation_between_decisions(early_end):
+    """An emitter that comes and goes within one decision has violated the range, and ends what ends early."""
+    overrides = {
+        "platforms.0.heading": 0.5,
+        "target.start.range": 2e3,
+        "target.start.bearing": 0.5,
+        "target.start.course": 0.5 + np.pi,
+        "target.start.speed": 300.0,
+        "episode.decision_every": 16,
+        "episode.min_range": 500.0,
+        "episode.lost_error": 1e9,
+        "episode.early_end": early_end,
+    }
+    env = LocalisationEnv(overrides=overrides, diagnostics=True)
+    ranges = []
+    env.reset(seed=0)
+    env._batch_of_one.batch.tiles[0].watchers.append(lambda world: ranges.append(world.outcome.range[0]))
+    _, _, terminated, truncated, info = env.step(np.zeros(1, np.float32))
+    assert min(ranges) < 500 < info["range"] == ranges[-1]
+    assert info["violated"]
+    assert (terminated, truncated) == (early_end, False)
+    if not early_end:
+        _, _, terminated, truncated, info = env.step(np.ones(1, np.float32))
+        assert not info["violated"]
+        assert not terminated
+
+
+@pytest.mark.parametrize("early_end", [True, False])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_lost_track_ends(name, early_end):
+    overrides = {"episode.lost_error": 0.2, "episode.early_end": early_end, "episode.min_range": 0.0}
+    env = LocalisationVectorEnv(16, name, overrides=overrides, autoreset_mode="Disabled", diagnostics=True)
+    env.reset(seed=0)
+    _, _, terminated, truncated, info = env.step(np.zeros((16, env.scenario.action_size)))
+    lost = info["relative_range_error"] > 0.2
+    assert 0 < lost.sum() < 16
+    assert terminated.tolist() == (lost & early_end).tolist()
+    assert not truncated.any()
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_time_ends_every_episode(name):
+    env = LocalisationEnv(name, overrides={"episode.early_end": False})
+    env.reset(seed=0)
+    decisions = env.scenario.episode.steps // env.scenario.episode.decision_every
+    action = np.full(env.action_space.shape, 0.5, np.float32)
+    flags = [env.step(action)[2:4] for _ in range(decisions)]
+    assert flags == [(False, False)] * (decisions - 1) + [(False, True)]

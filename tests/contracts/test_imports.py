@@ -13,7 +13,7 @@ PACKAGES = ("passloc_env", "agents", "training")
 """Each may import itself and those before it."""
 
 ROOMS = [
-    ["arrays", "errors", "units", "shadowing"],
+    ["arrays", "errors", "lazy", "units", "shadowing"],
     ["angles", "layout", "linalg", "component", "nuisance"],
     ["frames", "distributions", "noise", "overrides"],
     ["fields"],
@@ -28,7 +28,7 @@ ROOMS = [
     ["scenario"],
     ["models", "scenarios"],
     ["simulation"],
-    ["spaces", "batch", "vector_info"],
+    ["actions", "spaces", "batch", "vector_info"],
     ["vector_env"],
     ["env", "rendering", "sb3"],
     ["registration", "launcher"],

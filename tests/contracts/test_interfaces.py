@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from passloc_env import LocalisationEnv, LocalisationVectorEnv, Scenario, ScenarioError, observation_names
 from passloc_env.arrays import Number
+from passloc_env.batch import TILE
 from passloc_env.belief import BeliefFeatures
 from passloc_env.distributions import Uniform
 from passloc_env.fields import count, quantity, vector
@@ -58,8 +59,9 @@ class YawingSatellite(Platform):
     def pose(self, state):
         return self._posed(state[:3], state[3:6], state[6], state[7])
 
-    def reported_pose(self, state):
-        return self._posed(state[:3] + self.navigation_error, state[3:6], state[6] + self.attitude_error, state[7])
+    def reported_pose(self, state, pose):
+        position = pose.position + self.navigation_error
+        return self._posed(position, pose.velocity, state[6] + self.attitude_error, state[7])
 
     def _posed(self, position, velocity, yaw, rate):
         zero, one = np.zeros(yaw.shape), np.ones(yaw.shape)
@@ -241,7 +243,7 @@ def test_shapes_and_names():
 
 def test_jacobian_by_finite_differences():
     world = flown(PAIR, 5)
-    suite, layout, poses = world.models.suite, world.models.tracker.layout, world.reported_poses()
+    suite, layout, poses = world.models.suite, world.models.tracker.layout, world.belief.poses
     rng, middle = np.random.default_rng(0), 3
     states = world.truth[:, None] + np.array([1e4, 1e4, 1e4, 50, 50, 50, 0.1])[:, None, None] * rng.standard_normal(
         (STATES, middle, 5)
@@ -255,6 +257,14 @@ def test_jacobian_by_finite_differences():
         numeric = suite.difference(ahead, behind) / (2 * step)
         scale = np.abs(analytic[:, row]).max(axis=(1, 2), keepdims=True)
         np.testing.assert_allclose(analytic[:, row], numeric, rtol=1e-5, atol=1e-6 * scale.max() + 1e-12)
+
+
+def test_lever_arms_may_be_computed_on_the_fly():
+    world = flown(HONEST, 2)
+    scene = Scene(world.truth, world.models.truth.layout, world.poses())
+    ranges = [scene.sightline(0, (100.0 * step, 0.0, 0.0)).range[0] for step in range(20)]
+    forward = world.poses()[0].attitude[0] * scene.sightline(0).direction
+    np.testing.assert_allclose(np.diff(ranges), -100.0 * forward[:, 0].sum(), rtol=0.02)
 
 
 def test_it_localises():
@@ -315,7 +325,7 @@ def test_missed_detections():
     missing = HONEST.override({f"sensors.{index}.detection_probability": 0.3 for index in range(5)})
     world, seen = Simulation(missing, SIZE), []
     measure = world.measure
-    world.measure = lambda poses: seen.append(measure(poses)) or seen[-1]
+    world.measure = lambda scene: seen.append(measure(scene)) or seen[-1]
     world.reset(np.arange(SIZE), [np.random.default_rng(seed) for seed in range(SIZE)])
     for _ in range(12):
         world.step(np.zeros((2, SIZE)))
@@ -376,17 +386,18 @@ def test_same_in_every_batch(num_envs, mode, assert_same, actions):
 
 
 def test_same_over_tiles(assert_same):
-    whole, part = LocalisationVectorEnv(1030, PAIR), LocalisationVectorEnv(3, PAIR)
+    rows = slice(TILE - 1, TILE + 2)
+    whole, part = LocalisationVectorEnv(TILE + 3, PAIR), LocalisationVectorEnv(3, PAIR)
     first, _ = whole.reset(seed=0)
-    last, _ = part.reset(seed=1023)
-    assert_same(first[1023:1026], last)
-    action = np.full((1030, 2), 0.3, np.float32)
-    assert_same(whole.step(action)[0][1023:1026], part.step(action[:3])[0])
+    last, _ = part.reset(seed=rows.start)
+    assert_same(first[rows], last)
+    action = np.full((TILE + 3, 2), 0.3, np.float32)
+    assert_same(whole.step(action)[0][rows], part.step(action[:3])[0])
     joined, own = whole.belief, part.belief
-    assert_same(joined.covariance[..., 1023:1026].copy(), own.covariance)
+    assert_same(joined.covariance[..., rows].copy(), own.covariance)
     for ours, theirs in zip(joined.poses, own.poses, strict=True):
-        assert_same(ours.attitude[..., 1023:1026].copy(), theirs.attitude)
-    assert_same(joined.platforms[0].attitude_error[1023:1026], own.platforms[0].attitude_error)
+        assert_same(ours.attitude[..., rows].copy(), theirs.attitude)
+    assert_same(joined.platforms[0].attitude_error[rows], own.platforms[0].attitude_error)
 
 
 def test_state_goes_back(assert_same, actions):

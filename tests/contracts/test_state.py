@@ -5,6 +5,7 @@ import copy
 import pytest
 
 from passloc_env import SCENARIOS, LocalisationEnv
+from passloc_env.batch import TILE
 
 MODES = ["NextStep", "SameStep", "Disabled"]
 
@@ -100,7 +101,7 @@ def test_snapshot_is_a_copy(vector_env, actions, assert_same):
 
 
 def test_state_crosses_tiles(vector_env, actions, assert_same):
-    env, stream = vector_env(1030, mode="SameStep"), actions(1030)
+    env, stream = vector_env(TILE + 3, mode="SameStep"), actions(TILE + 3)
     env.reset(seed=1)
     env.step(next(stream))
     state, later = env.get_state(), some(stream, 4)

@@ -126,9 +126,24 @@ def test_linear_step_is_the_textbook_step(motion: Motion, dense: bool) -> None:
     transition, noise = step.transition.matrix[..., 0], step.process_noise[..., 0]
     states, root = rng.normal(size=(n, 5, 3)), rng.normal(size=(n, n, 3))
     covariance = np.einsum("ikN,jkN->ijN", root, root)
-    np.testing.assert_allclose(step.mean(states, np.zeros(3)), np.einsum("ij,jkN->ikN", transition, states), rtol=1e-12)
-    expected = np.einsum("ia,abN,jb->ijN", transition, covariance, transition) + noise[..., None]
-    np.testing.assert_allclose(step.covariance(covariance), expected, rtol=1e-12, atol=1e-12)
+    expected = np.einsum("ij,jkN->ikN", transition, states)
+    np.testing.assert_allclose(step.mean(states, np.zeros(3)), expected, rtol=1e-12, atol=1e-12)
+    spread = np.einsum("ia,abN,jb->ijN", transition, covariance, transition) + noise[..., None]
+    step.spread(covariance)
+    np.testing.assert_allclose(covariance, spread, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [*NOISY, ConstantVelocity(known_acceleration=(2.0, -1.0)), Manoeuvre(start=0.0, duration=1.0, turn_rate=0.1)],
+    ids=["CV", "CA", "unknown turn", "known input", "manoeuvre"],
+)
+def test_advance_is_the_mean_in_place(motion: Motion) -> None:
+    step = dynamics(motion, nuisances=WALKS)
+    state, time = np.random.default_rng(6).normal(size=(step.layout.size, 7)), np.zeros(7)
+    expected = step.mean(state, time)
+    step.advance(state, time)
+    np.testing.assert_allclose(state, expected, rtol=1e-15)
 
 
 def test_known_input_reaches_every_sigma_point() -> None:
@@ -142,4 +157,4 @@ def test_nonlinear_motion_has_no_transition() -> None:
     step = dynamics(UnknownTurn())
     assert not step.linear
     with pytest.raises(TypeError, match="UnknownTurn is not linear"):
-        step.covariance(np.zeros((5, 5, 1)))
+        step.spread(np.zeros((5, 5, 1)))

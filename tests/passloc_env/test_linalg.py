@@ -103,6 +103,31 @@ def test_cholesky_reports_what_it_cannot_factor(broken: np.ndarray) -> None:
     np.testing.assert_array_equal(lower[..., 0], np.eye(3))
 
 
+@given(SEEDS, SIZES)
+def test_cholesky_above_is_cholesky_where_its_floors_hold(seed: int, n: int) -> None:
+    """Adding R to a positive definite matrix leaves every pivot above R's."""
+    noise, matrix = positive_definite(seed, n), positive_definite(seed + 1, n)
+    floors = np.square(linalg.diagonal(linalg.cholesky(noise).lower))
+    expected = linalg.cholesky(matrix + noise).lower
+    found = linalg.cholesky_above(matrix + noise, floors)
+    for row in range(n):
+        np.testing.assert_allclose(found[row, : row + 1], expected[row, : row + 1], rtol=1e-10, atol=1e-10)
+
+
+def test_cholesky_above_puts_its_floors_in_the_place_of_rounding() -> None:
+    matrix = np.array([[4.0, 2.0], [2.0, 0.5]])[..., None]
+    lower = linalg.cholesky_above(matrix, np.array([[1.0], [0.25]]))
+    np.testing.assert_array_equal(lower[[0, 1, 1], [0, 0, 1], 0], [2.0, 1.0, 0.5])
+
+
+@given(SEEDS, st.floats(0.1, 10.0))
+def test_cholesky_of_a_multiple(seed: int, scale: float) -> None:
+    matrix = positive_definite(seed, 4)
+    scaled = linalg.cholesky(matrix, scale)
+    assert scaled.sound
+    np.testing.assert_allclose(scaled.lower, np.sqrt(scale) * linalg.cholesky(matrix).lower, rtol=1e-10, atol=1e-10)
+
+
 @pytest.mark.parametrize("broken", [SINGULAR, INDEFINITE, NEGATIVE, np.full((3, 3), np.nan)])
 def test_unsound_points_at_the_broken_one(broken: np.ndarray) -> None:
     batch = positive_definite(3, 3)
@@ -125,7 +150,9 @@ def test_nearest_positive_definite(seed: int, n: int) -> None:
     unit = np.sqrt(np.abs(np.diag(matrix)))
     values, vectors = np.linalg.eigh(matrix / unit[:, None] / unit)
     raised = (vectors * np.maximum(values, 1e-10 * max(values[-1], 1.0))) @ vectors.T
-    np.testing.assert_allclose(repaired[..., 0] / unit[:, None] / unit, raised, rtol=1e-9, atol=1e-12 * values[-1])
+    np.testing.assert_allclose(
+        repaired[..., 0] / unit[:, None] / unit, raised, rtol=1e-9, atol=1e-12 * np.abs(values).max()
+    )
 
 
 @given(SEEDS, st.integers(1, 6))
@@ -151,9 +178,34 @@ def test_linear_map_is_its_matrix(seed: int, rows: int, columns: int, size: int,
     vectors, batches = whole_numbers(seed, columns, 4), whole_numbers(seed, columns, 3, 4)
     np.testing.assert_array_equal(mapped(vectors), np.einsum("ijN,jN->iN", full, vectors))
     np.testing.assert_array_equal(mapped(batches), np.einsum("ijN,jkN->ikN", full, batches))
-    square = whole_numbers(seed, columns, columns, 2, 4)
-    expected = np.einsum("iaN,abkN,jbN->ijkN", full, square, full)
-    np.testing.assert_array_equal(mapped.congruence(square), expected)
+
+
+@given(SEEDS, SIZES, st.sampled_from([1, 4]), st.booleans())
+def test_square_maps_work_in_place(seed: int, n: int, size: int, dense: bool) -> None:
+    matrix = sparse(seed, n, n, size)
+    mapped, full = linalg.LinearMap(matrix, dense=dense), np.broadcast_to(matrix, (n, n, 4))
+    vectors, covariance = whole_numbers(seed, n, 4), whole_numbers(seed, n, n, 2, 4)
+    covariance += covariance.swapaxes(0, 1)
+    moved, spread = np.einsum("ijN,jN->iN", full, vectors), np.einsum("iaN,abkN,jbN->ijkN", full, covariance, full)
+    mapped.apply(vectors)
+    mapped.congruence(covariance)
+    np.testing.assert_array_equal(vectors, moved)
+    np.testing.assert_array_equal(covariance, spread)
+
+
+def test_congruence_is_symmetric_to_the_last_bit() -> None:
+    rng = np.random.default_rng(1)
+    covariance = positive_definite(1, 5, 50)
+    linalg.LinearMap(rng.normal(size=(5, 5, 50))).congruence(covariance)
+    np.testing.assert_array_equal(covariance, covariance.swapaxes(0, 1))
+
+
+@pytest.mark.parametrize("shape", [(1, 3), (3, 1), (2, 2)])
+def test_linear_map_with_a_single_entry(shape: tuple[int, int]) -> None:
+    matrix = np.zeros(shape)
+    matrix[0, 0] = 2.0
+    vectors = whole_numbers(0, shape[1], 4)
+    np.testing.assert_array_equal(linalg.LinearMap(matrix)(vectors), matrix @ vectors)
 
 
 def test_linear_map_takes_a_plain_matrix_and_leaves_its_argument_alone() -> None:
@@ -186,7 +238,8 @@ SHARED = RNG.normal(size=(6, 6, 1))
         pytest.param(linalg.nearest_positive_definite, [SPD], id="nearest_positive_definite"),
         pytest.param(lambda a, x: linalg.LinearMap(a, dense=True)(x), [PER_ENV, ROWS], id="map per environment"),
         pytest.param(lambda a, x: linalg.LinearMap(a)(x), [SHARED, VECTORS], id="shared map"),
-        pytest.param(lambda a, p: linalg.LinearMap(a).congruence(p), [SHARED, SPD], id="congruence"),
+        pytest.param(lambda a, p: linalg.LinearMap(a).congruence(p) or p, [SHARED, SPD], id="congruence"),
+        pytest.param(linalg.cholesky_above, [SPD, np.full((6, N), 0.1)], id="cholesky_above"),
     ],
 )
 def test_bits_do_not_depend_on_the_batch(

@@ -16,6 +16,7 @@ from passloc_env.noise import EpisodeNoise, NoiseSizes
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.simulation import Simulation
+from passloc_env.tracking import Prior, StatePrior
 
 FALSE_ALARM = 1e-3
 SIZES = NoiseSizes(uniforms=6, normals=3, steps=20, measurement=2, process=4, detection=2)
@@ -141,10 +142,14 @@ BASE = SCENARIOS["BearingDopplerUnknownCarrier"].override({"target.motion": Cons
     ],
     ids=["detection", "process noise", "random sigma", "longer", "agile tracker", "other tracker", "no reward"],
 )
+@pytest.mark.parametrize(
+    "prior", [BASE.prior, StatePrior(position_sigma=1e3, velocity_sigma=9.0)], ids=["range", "state"]
+)
 def test_the_world_is_the_same_whatever_else_is_switched_on(
-    changes: dict[str, Any], begin: Callable[..., Simulation]
+    changes: dict[str, Any], prior: Prior, begin: Callable[..., Simulation]
 ) -> None:
-    before, after = begin(BASE, 3), begin(BASE.override(changes), 3)
+    base = BASE.override({"prior": prior})
+    before, after = begin(base, 3), begin(base.override(changes), 3)
     np.testing.assert_array_equal(after.truth, before.truth)
     np.testing.assert_array_equal(after.platform_states[0], before.platform_states[0])
     for step in range(3):

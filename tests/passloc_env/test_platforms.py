@@ -199,7 +199,8 @@ def test_fixed_stations_stay() -> None:
 
 def test_platforms_start_where_they_are_told_to() -> None:
     platform = TurnLimitedPlatform(position=(3.0, 4.0), heading=1.0, speed=2.0, max_turn_rate=1.0)
-    pose = platform.reported_pose(platform.start(2))
+    pose = platform.pose(platform.start(2))
+    assert platform.reported_pose(platform.start(2), pose) is pose
     np.testing.assert_array_equal(pose.position, [[3.0] * 2, [4.0] * 2])
     np.testing.assert_allclose(pose.velocity, 2.0 * direction(np.ones(2)))
     np.testing.assert_array_equal(pose.acceleration, 0.0)

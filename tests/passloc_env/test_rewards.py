@@ -49,11 +49,8 @@ def test_range_bound_is_seen_along_the_true_line_of_sight() -> None:
     assert RangeBound().score(outcome())[0] == pytest.approx(-math.log(sigma / 5e3))
 
 
-def test_gram_gain_is_a_copy_of_the_information_gained() -> None:
-    state = outcome()
-    gain = GramGain().score(state)
-    assert gain[0] == 1.7
-    assert not np.shares_memory(gain, state.information.gram_gain)
+def test_gram_gain_is_the_information_gained() -> None:
+    assert GramGain().score(outcome())[0] == 1.7
 
 
 @pytest.mark.parametrize(("distance", "expected"), [(5e3, -0.1), (1e3, -0.5), (100.0, -1.0)])
@@ -110,7 +107,7 @@ def test_a_decision_earns_the_mean_over_its_sensor_steps(name: str, begin: Calla
     simulation, history = begin(scenario, 4), []
 
     def watch(seen: Simulation) -> None:
-        history.append([term.score(seen.outcome) for term in terms])
+        history.append([term.score(seen.outcome).copy() for term in terms])
 
     simulation.watchers.append(watch)
     rng = np.random.default_rng(0)

@@ -235,6 +235,14 @@ def test_lever_arm_of_a_turning_vessel_adds_its_speed() -> None:
     assert sonar.measure(scene)[0, 0] == pytest.approx(1.0, rel=1e-9)
 
 
+def test_computed_lever_arms_are_not_confused() -> None:
+    """A sensor with several antennas computes its arms on the fly: numbers whose memory is used again at once."""
+    pose = PlanarPose(np.zeros((2, 1)), np.zeros((2, 1)), np.zeros(1), np.zeros(1))
+    scene = Scene(np.array([[0.0], [1e3], [0.0], [0.0]]), StateLayout(), [pose])
+    ranges = [scene.sightline(0, (arm * 1.5, 0.0)).range[0] for arm in range(10)]
+    assert ranges == [1e3 - arm * 1.5 for arm in range(10)]
+
+
 @pytest.mark.parametrize(
     ("name", "expected"),
     [("bearing", []), ("Doppler", []), ("Doppler, unknown carrier", [("carrier_offset", 1e4, 1.0)])],
