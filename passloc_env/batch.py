@@ -75,7 +75,9 @@ class Batch:
             "violated": self.gather(lambda tile: tile.violated),
         }
         if diagnostics:
-            info |= {name: self.gather(pick) for name, pick in _DIAGNOSTICS.items()}
+            # Some environments may never have been reset; their diagnostics mean nothing and are masked by the caller.
+            with np.errstate(all="ignore"):
+                info |= {name: self.gather(pick) for name, pick in _DIAGNOSTICS.items()}
         return info
 
     @property

@@ -116,9 +116,9 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             The observation ``(f,)`` and the info.
 
         Raises:
-            ScenarioError: an unknown option.
+            ValueError: a bad seed or an unknown option.
         """
-        self._batch_of_one.check_options(options)
+        self._batch_of_one.reset_mask(options)
         super().reset(seed=seed)
         self._batch_of_one.batch.generators[0] = self.np_random
         observation, info = self._batch_of_one.reset(options=options)

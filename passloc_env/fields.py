@@ -24,15 +24,14 @@ class Quantity(Spec):
     at_least: float | None = None
     at_most: float | None = None
     infinite: bool = False
-    optional: bool = False
+    plain: bool = False
+    """Whether it is a constant of the problem that cannot be drawn."""
 
     def check(self, name: str, value: Any) -> Any:
         """A float or a distribution; numbers written as text (``3e-3`` in YAML) are read as numbers."""
-        if value is None and self.optional:
-            return None
         if isinstance(value, Mapping):
             value = decode(name, value, Distribution)
-        if isinstance(value, Distribution):
+        if isinstance(value, Distribution) and not self.plain:
             low, high = value.support
             self._check_number(name, low, value)
             self._check_number(name, high, value)
@@ -63,7 +62,8 @@ class Quantity(Spec):
             if limit is not None
         ]
         words = " and ".join(limits) if limits else ("any number" if self.infinite else "any finite number")
-        return f"must be {words}{f' {self.unit}' if self.unit else ''}, or a distribution"
+        unit = f" {self.unit}" if self.unit else ""
+        return f"must be a plain number, {words}{unit}" if self.plain else f"must be {words}{unit}, or a distribution"
 
 
 def _as_float(value: Any) -> float | None:

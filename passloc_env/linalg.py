@@ -189,7 +189,8 @@ class LinearMap:
                 entries = np.moveaxis(np.diagonal(self.matrix, offset), -1, 0)[first:last]
                 self._runs.append((row, column, np.ascontiguousarray(entries)))
         self._in_place = self._identity and self._reads_before_it_writes()
-        self._is_diagonal = not self._identity and len(self._runs) == 1 and self._runs[0][:2] == (slice(0, rows),) * 2
+        whole = (slice(0, rows), slice(0, columns))
+        self._is_diagonal = rows == columns and [run[:2] for run in self._runs] == [whole]
 
     def _reads_before_it_writes(self) -> bool:
         """Whether no run reads rows that an earlier one has written."""

@@ -17,8 +17,8 @@ import numpy as np
 from passloc_env.arrays import Array, IntArray
 from passloc_env.layout import StateLayout
 from passloc_env.linalg import cholesky, log_determinant, solve_lower, transpose
+from passloc_env.sensor_suite import SensorSuite
 from passloc_env.sightline import Scene
-from passloc_env.simulation import Simulation
 
 
 def pseudo_linear_rows(bearing: Array, layout: StateLayout, doppler: bool = False) -> Array:
@@ -44,16 +44,13 @@ def pseudo_linear_rows(bearing: Array, layout: StateLayout, doppler: bool = Fals
     return rows
 
 
-def fisher_rows(simulation: Simulation) -> Array:
-    """The measurement Jacobian at the present true geometry, divided by the noise: ``R^{-1/2} H (m, n, N)``.
+def fisher_rows(suite: SensorSuite, scene: Scene) -> Array:
+    """The measurement Jacobian of a scene divided by the noise: ``R^{-1/2} H (m, n, N)``.
 
-    The state is the bound's (:attr:`Simulation.models`). Stack what a watcher collects to ``(K, m, n, N)``.
+    A simulation offers both, ``simulation.models.suite`` and ``simulation.bound_scene()``; stack what a watcher
+    collects to ``(K, m, n, N)``.
     """
-    models = simulation.models
-    layout = models.bound.layout
-    truth = layout.convert(simulation.truth, models.truth.layout)
-    jacobian = models.suite.jacobian(Scene(truth, layout, simulation.poses()))
-    return solve_lower(cholesky(models.suite.noise_covariance).lower, jacobian)
+    return solve_lower(cholesky(suite.noise_covariance).lower, suite.jacobian(scene))
 
 
 def observability_matrix(rows: Array, transition: Array) -> Array:

@@ -18,14 +18,13 @@ def override(component: Component, changes: Mapping[str, Any]) -> Component:
     """
     tree: dict[str, Any] = {}
     for name, value in changes.items():
-        branch = tree
         *path, leaf = str(name).split(".")
+        for depth in range(1, len(path) + 1):
+            if ".".join(path[:depth]) in changes:
+                raise ScenarioError(str(name), value, f"{'.'.join(path[:depth])} is already replaced as a whole")
+        branch = tree
         for key in path:
             branch = branch.setdefault(key, {})
-            if isinstance(branch, _Leaf):
-                raise ScenarioError(str(name), value, "is replaced as a whole and in part at once")
-        if leaf in branch:
-            raise ScenarioError(str(name), value, "is replaced as a whole and in part at once")
         branch[leaf] = _Leaf(value)
     return _apply(component, tree, "")
 

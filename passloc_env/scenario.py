@@ -38,17 +38,18 @@ class Episode(Component):
     """
 
     steps: int = count("sensor steps per episode", 240, at_least=1)
-    period: float = quantity("seconds per sensor step", 1.0, unit="s", above=0)
+    period: float = quantity("seconds per sensor step", 1.0, unit="s", above=0, plain=True)
     decision_every: int = count("sensor steps per decision", 4, at_least=1)
-    min_range: float = quantity("keep-out radius around the emitter; 0 for none", 10e3, unit="m", at_least=0)
+    min_range: float = quantity(
+        "keep-out radius around the emitter; 0 for none", 10e3, unit="m", at_least=0, plain=True
+    )
     early_end: bool = flag("whether entering min_range or losing the track ends the episode", True)
-    lost_error: float = quantity("relative range error above which the track counts as lost in flight", 10.0, above=0)
+    lost_error: float = quantity(
+        "relative range error above which the track counts as lost in flight", 10.0, above=0, plain=True
+    )
 
     def validate(self) -> None:
-        """Episodes are whole numbers of decisions, and their numbers are not drawn."""
-        for name in ("period", "min_range", "lost_error"):
-            if not isinstance(getattr(self, name), float):
-                raise ScenarioError(name, getattr(self, name), "must be a plain number")
+        """Episodes are whole numbers of decisions."""
         if self.steps % self.decision_every:
             divisors = [d for d in range(1, self.steps + 1) if self.steps % d == 0]
             close = min(divisors, key=lambda d: (abs(d - self.decision_every), d))
@@ -203,7 +204,10 @@ class Scenario(Component):
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scenario:
         """Build from plain data; fields left out keep the defaults, unknown ones raise ScenarioError."""
-        return cast(Scenario, from_dict(data, default=cls))
+        scenario = from_dict(data, default=cls)
+        if not isinstance(scenario, cls):
+            raise ScenarioError("type", type(scenario).__name__, f"must be a {cls.__name__}")
+        return scenario
 
     def to_json(self) -> str:
         """JSON text from which :meth:`from_json` builds an equal scenario."""

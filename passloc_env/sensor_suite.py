@@ -67,10 +67,10 @@ class SensorSuite:
         self.wrap(gap)
         return gap
 
-    def wrap(self, gap: Array) -> None:
-        """Bring the angles among measurement differences ``(m, …, N)`` to [-π, π] in place."""
+    def wrap(self, measurements: Array) -> None:
+        """Bring the angles of measurements or their differences ``(m, …, N)`` to [-π, π] in place."""
         for angles in self._angles:
-            wrap_in_place(gap[angles])
+            wrap_in_place(measurements[angles])
 
     def detected(self, uniforms: Array) -> BoolArray:
         """Which scalars ``(m, N)`` are measured, from one uniform draw per sensor ``(s, N)``."""

@@ -64,16 +64,17 @@ class Scene:
 
     def __init__(self, state: Array, layout: StateLayout, poses: list[Pose]) -> None:
         self.state, self.layout, self.poses = state, layout, poses
-        self._sightlines: dict[tuple[int, ...], Sightline] = {}
+        self._sightlines: dict[tuple[Number, ...], tuple[Sightline, tuple[Number, ...]]] = {}
 
     def sightline(self, platform: int, lever_arm: tuple[Number, ...] = ()) -> Sightline:
         """The line from a point of a platform to the emitter, computed on first use."""
-        key = (platform, *map(id, lever_arm))
-        line = self._sightlines.get(key)
-        if line is None:
+        # Arrays are known by identity, so the arm is kept beside its line for as long as the line is.
+        key = (platform, *(id(arm) if isinstance(arm, np.ndarray) else arm for arm in lever_arm))
+        known = self._sightlines.get(key)
+        if known is None:
             line = Sightline(self.state, self.layout, self.poses[platform].mounted(lever_arm))
-            self._sightlines[key] = line
-        return line
+            self._sightlines[key] = known = (line, lever_arm)
+        return known[0]
 
     def nuisance(self, name: str) -> Array:
         """A nuisance state ``(…, N)``."""

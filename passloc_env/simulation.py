@@ -94,14 +94,12 @@ class Simulation:
             watch(self)
 
     def measure(self, scene: Scene) -> tuple[Array, BoolArray | None]:
-        """The noisy measurement ``(m, N)`` of the true scene, and what of it was detected (None: all).
-
-        Angles may lie outside ±π by their noise; whoever compares them does so around the circle.
-        """
+        """The noisy measurement ``(m, N)`` of the true scene, and what of it was detected (None: all)."""
         suite = self.models.suite
         step = np.minimum(self.step_count, self.scenario.episode.steps)
         measurement = suite.measure(scene)
         measurement += suite.noise(self.noise.measurement(step))
+        suite.wrap(measurement)
         detected = suite.detected(self.noise.detection(step)) if suite.may_miss else None
         return measurement, detected
 
@@ -115,9 +113,7 @@ class Simulation:
 
     def _inform(self, scene: Scene, detected: BoolArray | None) -> None:
         """Account for what the measurement tells at the true geometry."""
-        layout, suite = self.models.bound.layout, self.models.suite
-        if layout != scene.layout:
-            scene = Scene(layout.convert(scene.state, scene.layout), layout, scene.poses)
+        suite, scene = self.models.suite, self._in_bound_layout(scene)
         self.information.absorb(suite.jacobian(scene), suite, detected)
 
     def _decide(self, action: Array) -> None:
@@ -154,6 +150,16 @@ class Simulation:
             self.reward += term.weight * total
         self.breached |= self.violated
         self.lost[...] = ~(self.outcome.relative_range_error <= self.scenario.episode.lost_error)
+
+    def bound_scene(self) -> Scene:
+        """The true scene in the state of the bound."""
+        return self._in_bound_layout(self.scene())
+
+    def _in_bound_layout(self, scene: Scene) -> Scene:
+        layout = self.models.bound.layout
+        if layout == scene.layout:
+            return scene
+        return Scene(layout.convert(scene.state, scene.layout), layout, scene.poses)
 
     def look(self, scene: Scene) -> Outcome:
         """What the true scene and the present belief come to."""

@@ -37,7 +37,8 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             episode returns the new one's first observation, the last one is in ``info["final_obs"]`` and
             ``info["final_info"]``. ``Disabled``: finished environments must be reset with
             ``options={"reset_mask": mask}``.
-        diagnostics: put truth, estimate, covariance, NEES, relative range error, bound and range into ``info``.
+        diagnostics: put truth, estimate, covariance, NEES, relative range error, bound (σ_r in metres), range and
+            repairs into ``info``.
 
     Raises:
         ScenarioError: an unknown scenario or field, or an impossible value.
@@ -93,7 +94,7 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             ValueError: a seed list or mask of the wrong length or type, or an unknown option.
         """
-        mask = self._checked_mask(options)
+        mask = self.reset_mask(options)
         seeds = self._checked_seeds(seed)
         if seed is not None and _is_seed(seed):
             super().reset(seed=int(seed))  # type: ignore[arg-type]
@@ -210,15 +211,12 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 )
         return [None if item is None else int(item) for item in seed]
 
-    def check_options(self, options: Mapping[str, Any] | None) -> None:
-        """Raise ScenarioError when there is a reset option that does not exist."""
-        for key in options or {}:
+    def reset_mask(self, options: Mapping[str, Any] | None) -> BoolArray:
+        """The environments ``(N,)`` that reset options ask for, all by default; ValueError for bad options."""
+        options = options or {}
+        for key in options:
             if key != _RESET_MASK:
                 raise unknown_name("options", key, [_RESET_MASK], "reset option")
-
-    def _checked_mask(self, options: dict[str, Any] | None) -> BoolArray:
-        self.check_options(options)
-        options = options or {}
         if _RESET_MASK not in options:
             return np.ones(self.num_envs, bool)
         mask = options[_RESET_MASK]

@@ -15,6 +15,7 @@ from passloc_env.motion import ConstantVelocity, Motion
 from passloc_env.platforms import Pose
 from passloc_env.sightline import Scene
 from passloc_env.tracking.tracker import Models, Track, Tracker
+from passloc_env.tracking.ukf import check_spread
 
 _UNDETECTED = 1e12
 """Factor on the variance of a scalar that was not detected, for filters that take a measurement whole or not at all."""
@@ -35,9 +36,9 @@ class FilterPyTracker(Tracker):
         "UnscentedKalmanFilter",
         ("UnscentedKalmanFilter", "CubatureKalmanFilter", "ExtendedKalmanFilter"),
     )
-    alpha: float = quantity("spread of the sigma points (unscented)", 1.0, above=0)
-    beta: float = quantity("weight of the centre in the covariance (unscented)", 2.0)
-    kappa: float = quantity("secondary spread (unscented)", 0.0)
+    alpha: float = quantity("spread of the sigma points (unscented)", 1.0, above=0, plain=True)
+    beta: float = quantity("weight of the centre in the covariance (unscented)", 2.0, plain=True)
+    kappa: float = quantity("secondary spread (unscented)", 0.0, plain=True)
 
     def create(self, states: int, scalars: int, period: float, calls: FilterCalls) -> Any:
         """A fresh filter for ``states`` states and ``scalars`` measured scalars.
@@ -51,6 +52,7 @@ class FilterPyTracker(Tracker):
         from filterpy import kalman
 
         if self.filter == "UnscentedKalmanFilter":
+            check_spread(self.alpha, self.kappa, states)
             points = kalman.MerweScaledSigmaPoints(states, self.alpha, self.beta, self.kappa)
             return kalman.UnscentedKalmanFilter(states, scalars, period, calls.measure, calls.transition, points)
         if self.filter == "CubatureKalmanFilter":
@@ -164,8 +166,10 @@ class FilterPyTrack(Track):
             self.nis[column] = np.inf
         elif np.isfinite(self.nis[column]) and hasattr(filter_, "y") and hasattr(filter_, "S"):
             innovation = np.asarray(filter_.y).ravel()
-            solution, *_ = np.linalg.lstsq(np.asarray(filter_.S), innovation)
-            self.nis[column] = innovation @ solution
+            try:
+                self.nis[column] = innovation @ np.linalg.solve(filter_.S, innovation)
+            except np.linalg.LinAlgError:
+                self.nis[column] = np.inf
 
     def _everywhere(self, x: Array) -> Array:
         """One state for all environments, so that each reads its own column of the batched models."""

@@ -42,19 +42,20 @@ class UnscentedKalman(Tracker):
     """Unscented Kalman filter with scaled sigma points; any motion, any sensors."""
 
     motion: Motion = part(Motion, "how it believes the emitter moves", ConstantVelocity())
-    alpha: float = quantity("spread of the sigma points", 1.0, above=0)
-    beta: float = quantity("weight of the centre in the covariance; 2 suits a Gaussian", 2.0)
-    kappa: float = quantity("secondary spread", 0.0)
-
-    def validate(self) -> None:
-        """The numbers are constants of the filter, never drawn."""
-        for name in ("alpha", "beta", "kappa"):
-            if not isinstance(getattr(self, name), float):
-                raise ScenarioError(name, getattr(self, name), "must be a plain number")
+    alpha: float = quantity("spread of the sigma points", 1.0, above=0, plain=True)
+    beta: float = quantity("weight of the centre in the covariance; 2 suits a Gaussian", 2.0, plain=True)
+    kappa: float = quantity("secondary spread", 0.0, plain=True)
 
     def build(self, models: Models, environments: int) -> UnscentedTrack:
         """The running filter; ScenarioError when kappa leaves no spread in this state size."""
         return UnscentedTrack(self, models, environments)
+
+
+def check_spread(alpha: float, kappa: float, states: int) -> float:
+    """``n + λ = α² (n + κ)``; ScenarioError when kappa leaves no spread to the sigma points."""
+    if states + kappa <= 0.0:
+        raise ScenarioError("kappa", kappa, f"must be above {-states} with {states} states")
+    return alpha**2 * (states + kappa)
 
 
 class UnscentedTrack(Track):
@@ -63,9 +64,7 @@ class UnscentedTrack(Track):
     def __init__(self, filter_: UnscentedKalman, models: Models, environments: int) -> None:
         super().__init__(models, environments)
         n = models.layout.size
-        self._spread = filter_.alpha**2 * (n + filter_.kappa)
-        if self._spread <= 0.0:
-            raise ScenarioError("kappa", filter_.kappa, f"must be above {-n} with {n} states")
+        self._spread = check_spread(filter_.alpha, filter_.kappa, n)
         self._weight = 0.5 / self._spread
         self._mean_correction = filter_.beta - filter_.alpha**2
 

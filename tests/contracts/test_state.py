@@ -70,6 +70,22 @@ def test_scalar_goes_back(name, short, actions, assert_same):
     assert_same(run(second), expected)
 
 
+@pytest.mark.parametrize("field", ["sensors.0.sigma", "tracker.motion.acceleration_noise", "platforms.0.speed"])
+def test_random_numbers_go_back(field, vector_env, actions, assert_same):
+    """Matrices are built from some numbers ahead of time; they follow them back."""
+    changes = {field: {"type": "LogUniform", "low": 0.01, "high": 1.0}}
+    env, other = (vector_env(3, mode="SameStep", **changes) for _ in range(2))
+    env.reset(seed=1)
+    other.reset(seed=50)
+    stream = actions(3)
+    env.step(next(stream))
+    state, later = env.get_state(), some(stream, 9)
+    expected = fly(env, later)
+    for place in (env, other):
+        place.set_state(state)
+        assert_same(fly(place, later), expected)
+
+
 def test_everything_seen_goes_back(vector_env, actions, assert_same):
     env, stream = vector_env(3, "BearingDopplerUnknownCarrier"), actions(3)
     env.reset(seed=1)

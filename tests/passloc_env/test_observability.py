@@ -105,7 +105,7 @@ def test_gram_gain_of_the_simulation_is_the_gain_of_the_gramian() -> None:
     for k in range(40):
         simulation.step(np.full((1, 3), 0.4 if k < 20 else -0.4))
         before = gramian(np.stack(history), TRANSITION)
-        history.append(fisher_rows(simulation))
+        history.append(fisher_rows(simulation.models.suite, simulation.bound_scene()))
         after = gramian(np.stack(history), TRANSITION)
         expected = gram_gain(before, after, prior)
         # Both forms lose digits to the conditioning of the information matrix, about 1e9 here.

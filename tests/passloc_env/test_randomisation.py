@@ -172,7 +172,7 @@ def test_making_one_number_random_shifts_no_other(begin: Callable[..., Simulatio
     few, many = begin(Scenario().override(one), 3), begin(Scenario().override(RANDOM), 3)
     np.testing.assert_array_equal(get(few.realised, "sensors.0.sigma"), get(many.realised, "sensors.0.sigma"))
     np.testing.assert_array_equal(few.noise.uniforms, many.noise.uniforms)
-    np.testing.assert_array_equal(few.noise.normals, many.noise.normals)
+    np.testing.assert_array_equal(few.noise.prior, many.noise.prior)
 
 
 def test_joined_tiles_hold_every_number_in_order() -> None:

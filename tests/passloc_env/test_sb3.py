@@ -182,7 +182,7 @@ def test_wrong_seeding_is_caught(kind):
 def test_same_seed_same_bits():
     """Through several episodes; and seeds hold for one reset only, as SB3 has it."""
     runs = []
-    for seed in (5, 5, 6):
+    for seed in (0, 0, 6):
         env = make_vec_env(n_envs=4, overrides=SHORT, seed=seed)
         observations = [env.reset(), *(env.step(action)[0] for action in actions(2 * DECISIONS, 4)), env.reset()]
         runs.append(np.stack(observations))
@@ -348,7 +348,7 @@ def test_infos_and_arrays_are_fresh():
 
 
 def test_reset_forgets_unfinished_episodes():
-    env = build(environments=2)
+    env = make_vec_env(n_envs=2, overrides={**SHORT, "episode.early_end": False}, seed=0)
     env.reset()
     env.step(np.full((2, 1), 0.5))
     env.reset()

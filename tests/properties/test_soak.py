@@ -107,7 +107,7 @@ def test_emitters_that_pass_through(name, early_end):
     assert repairs < SENSOR_STEPS
 
 
-@pytest.mark.parametrize("sharpness", [1e-3, 1e-6])
+@pytest.mark.parametrize("sharpness", [1e-4, 1e-6])
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_sensors_far_sharper_than_the_prior(name, sharpness):
     sigmas = {f"sensors.{i}.sigma": sharpness * sensor.sigma for i, sensor in enumerate(SCENARIOS[name].sensors)}

@@ -156,6 +156,17 @@ def test_scores_by_hand_see_every_kind_of_outcome():
     assert times.min() < 60.0
 
 
+def test_a_confident_error_is_a_lost_track():
+    """A fifth of the range off and sure of it to 100 m: lost by its NEES alone."""
+    sure = {"prior.range_sigma": 100.0, "target.start.range": Uniform(low=30e3, high=34e3)}
+    scenario = SCENARIOS["BearingsOnly"].override(EVERY_STEP | sure)
+    scores, _ = fly(scenario, find_policy("straight", scenario), 5, seed=0)
+    assert (scores.end_error < 1.0).all()
+    assert scores.lost.all()
+    vague, _ = fly(scenario.override({"prior.range_sigma": 15e3}), find_policy("straight", scenario), 5, seed=0)
+    assert not vague.lost.any()
+
+
 def test_violations_are_counted_and_end_nothing(watched):
     """Everybody starts a little outside and flies in; the episode goes on to its last step."""
     changes = {"target.start.range": Uniform(low=10.05e3, high=10.3e3), "target.start.speed": 0.0}

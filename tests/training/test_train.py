@@ -10,13 +10,13 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 import torch
-from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from agents import AgentFile, LearnedPolicy, find_policy
 from passloc_env import SCENARIOS, Scenario, ScenarioError
 from passloc_env.sb3 import make_vec_env
 from training.commands import Train
-from training.curve import COLUMNS
+from training.curve import COLUMNS, CurveCallback
 from training.hyperparameters import HyperparameterError, Hyperparameters
 from training.train import Run, ScaledReward, build_ppo, run, train
 
@@ -86,6 +86,29 @@ def test_learning_curve(finished):
         assert 2.0 < row["mean_return"] < 100.0
     seconds = [row["seconds"] for row in finished.curve]
     assert seconds == sorted(seconds)
+
+
+def test_every_row_of_the_curve_is_about_its_own_rollout(tmp_path):
+    """Against the infos that a second callback kept."""
+    episodes = []
+
+    class Keep(BaseCallback):
+        def _on_rollout_start(self):
+            episodes.append([])
+
+        def _on_step(self):
+            episodes[-1].extend(info for info in self.locals["infos"] if info)
+            return True
+
+    curve = CurveCallback(tmp_path / "curve.csv")
+    model = build_ppo(make_vec_env(SCENARIO, 8, seed=0), TINY, seed=0)
+    model.learn(512, callback=CallbackList([curve, Keep()]))
+    assert len(curve.rows) == len(episodes) == 4
+    for row, infos in zip(curve.rows, episodes, strict=True):
+        # Six digits are kept.
+        assert row["mean_return"] == pytest.approx(np.mean([info["episode"]["r"] for info in infos]), abs=1e-6)
+        assert row["mean_length"] == pytest.approx(np.mean([info["episode"]["l"] for info in infos]), abs=1e-6)
+        assert row["violations"] == pytest.approx(np.mean([info["violated"] for info in infos]), abs=1e-6)
 
 
 def test_the_agent_is_what_was_trained_and_flies(finished):
