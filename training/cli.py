@@ -95,3 +95,7 @@ _RUN: dict[type, Callable[[Any], None]] = {
     Demo: _demo,
     Bench: _bench,
 }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

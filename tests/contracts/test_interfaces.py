@@ -19,7 +19,7 @@ from passloc_env.distributions import Uniform
 from passloc_env.fields import count, quantity, vector
 from passloc_env.motion import ConstantVelocity
 from passloc_env.nuisance import Nuisance
-from passloc_env.platforms import Platform, Pose, stack
+from passloc_env.platforms import FixedStation, Platform, Pose, stack
 from passloc_env.scenario import Bound, Episode
 from passloc_env.sensors import SPEED_OF_LIGHT, Sensor, scalar_covariance
 from passloc_env.sightline import Scene
@@ -221,7 +221,7 @@ def flown(scenario, environments=SIZE, actions=0.5):
     world = Simulation(scenario, environments)
     world.reset(np.arange(environments), [np.random.default_rng(seed) for seed in range(environments)])
     for decision in range(scenario.episode.steps // scenario.episode.decision_every):
-        world.step(np.full((2, environments), actions if decision % 4 < 3 else -actions))
+        world.step(np.full((scenario.action_size, environments), actions if decision % 4 < 3 else -actions))
     return world
 
 
@@ -319,6 +319,15 @@ def test_yaw_is_commanded():
     assert not np.array_equal(left.platform_states[0][6], right.platform_states[0][6])
     assert np.array_equal(left.platform_states[0][:3], right.platform_states[0][:3])
     assert not np.array_equal(left.track.covariance, right.track.covariance)
+
+
+def test_a_fixed_station_may_take_part():
+    station = FixedStation(position=(2.5e5, -1e5, 10.0))
+    world = flown(HONEST.replace(platforms=(HONEST.platforms[0], station)))
+    assert world.scenario.action_size == 1
+    assert world.belief.poses[1].attitude.shape == (3, 3, SIZE)
+    assert np.median(position_error(world)) < 0.2 * POSITION_SIGMA
+    assert abs(world.outcome.nees.mean() - STATES) < 5 * np.sqrt(2 * STATES / SIZE)
 
 
 def test_missed_detections():

@@ -26,6 +26,12 @@ SHORT = {
 """Episodes of four decisions close to the keep-out of 10 km: some violate it, some run out of time, some do both."""
 
 
+@pytest.fixture(autouse=True)
+def logs_of_its_own(tmp_path, monkeypatch):
+    """SB3 would leave a log folder in the system's temporary one."""
+    monkeypatch.setenv("SB3_LOGDIR", str(tmp_path / "logs"))
+
+
 def build(kind=LocalisationVecEnv, bootstrap=True, environments=ENVIRONMENTS):
     env = LocalisationVectorEnv(environments, overrides=SHORT, autoreset_mode=AutoresetMode.SAME_STEP)
     return kind(env, bootstrap_time_limit=bootstrap)
