@@ -13,6 +13,7 @@ import numpy as np
 from passloc_env.arrays import Array, BoolArray, IntArray
 from passloc_env.belief import Belief
 from passloc_env.information import Information
+from passloc_env.linalg import inner
 from passloc_env.models import ScenarioModels
 from passloc_env.noise import EpisodeNoise, NoiseSizes
 from passloc_env.platforms import Pose
@@ -118,7 +119,7 @@ class Simulation:
 
     def _decide(self, action: Array) -> None:
         """Turn an action into set-points, relative to the believed lines of sight."""
-        np.clip(action, -1.0, 1.0, out=self.action)
+        np.minimum(np.maximum(action, -1.0), 1.0, out=self.action)
         emitter = self.track.mean[self.models.tracker.layout.position]
         first = 0
         for index, (platform, pose) in enumerate(
@@ -128,7 +129,7 @@ class Simulation:
             first += platform.controls
             if platform.controls:
                 offset = emitter - pose.position
-                towards = offset / np.maximum(np.sqrt((offset * offset).sum(axis=0)), 1e-3)
+                towards = offset / np.maximum(np.sqrt(inner(offset, offset)), 1e-3)
                 self._set_points[index][...] = platform.set_point(self.platform_states[index], part, towards)
         self.reward[...] = 0.0
         self.violated[...] = False

@@ -112,6 +112,14 @@ def test_kinds_and_environments_are_uncorrelated() -> None:
     assert np.abs(correlation).max() < level
 
 
+@pytest.mark.parametrize("kinds", [("normals", "measurement", "process"), ("uniforms", "detection")])
+def test_no_number_is_used_twice(kinds: tuple[str, ...]) -> None:
+    """Not even between kinds of the same law, where it would hide in the shapes."""
+    arrays = drawn(replace(SIZES, steps=200), 3).state_arrays()
+    numbers = np.concatenate([arrays[kind].ravel() for kind in kinds])
+    assert len(np.unique(numbers)) == len(numbers)
+
+
 def test_each_environment_is_read_at_its_own_step() -> None:
     noise, steps = drawn(SIZES, 3), np.array([0, 7, 19])
     arrays = noise.state_arrays()

@@ -114,9 +114,7 @@ def test_changes_are_checked_together() -> None:
         pytest.param({"sensors.Bearng.sigma": 3}, "sensors.Bearng", None, "did you mean 'Bearing'", id="item name"),
         pytest.param({"episode.steps.x": 3}, "episode.steps", None, "no such field inside 240", id="inside a number"),
         pytest.param({"sensors.0.sigma": -1.0}, "sensors.0.sigma", -1.0, "above 0 rad", id="impossible value"),
-        pytest.param(
-            {"episode.period": 0}, "episode.period", 0, "must be a plain number, above 0 s", id="zero period"
-        ),
+        pytest.param({"episode.period": 0}, "episode.period", 0, "must be a plain number, above 0 s", id="zero period"),
         pytest.param(
             {"target.motion": {"type": "ConstantVelocity", "acceleration_nois": 1}},
             "target.motion.acceleration_nois",
