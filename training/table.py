@@ -25,7 +25,7 @@ COLUMNS: dict[str, Callable[[Verdict], str]] = {
     "policy": lambda v: v.policy,
     _HEADLINE: lambda v: _interval(v.log_range_bound, 3),
     "end error, %": lambda v: _interval(v.end_error, 2, 100.0),
-    "time to 10 %, s": lambda v: _interval(v.time_to_10, 1),
+    "time to 10 %, s": lambda v: _interval(v.time_to_10, 0),
     "violations, %": lambda v: _interval(v.violations, 1, 100.0),
     "lost, %": lambda v: _interval(v.lost, 1, 100.0),
     "RMS / bound": lambda v: f"{v.efficiency:.2f}",
@@ -64,6 +64,7 @@ def rich_table(evaluation: Evaluation, width: int) -> Table:
         box=SIMPLE,
         padding=(0, 1, 0, 0),
         pad_edge=False,
+        show_edge=False,
     )
     for name in names:
         heading = name.replace(", ", ",\n").replace("time to ", "time to\n")
