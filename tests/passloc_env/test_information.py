@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from passloc_env.dynamics import Dynamics
 from passloc_env.information import Information, sigma_along
@@ -215,6 +216,21 @@ def test_published_bounds_of_the_own_ship_cases(
             kilometres, tolerance = published[minute]
             found = math.sqrt(np.trace(simulation.information.bound[:2, :2, 0])) / 1e3
             assert found == pytest.approx(kilometres, rel=tolerance), f"minute {minute}"
+
+
+@pytest.mark.parametrize("name", ["OwnShipModerate", "OwnShipSevere"])
+def test_bound_begins_with_the_prior_at_the_truth(name: str, begin: Callable[..., Simulation]) -> None:
+    """Polar standard deviations at the true bearing, range and speed, in a scenario whose prior is drawn elsewhere."""
+    scenario = SCENARIOS[name]
+    simulation = begin(scenario)
+    east, north, speed_east, speed_north = simulation.truth[:4, 0]
+    bearing, distance, speed = math.atan2(east, north), math.hypot(east, north), math.hypot(speed_east, speed_north)
+    axes = np.array([[math.sin(bearing), math.cos(bearing)], [math.cos(bearing), -math.sin(bearing)]])
+    prior, sigma = scenario.prior, scenario.sensors[0].sigma
+    position = axes.T @ np.diag([prior.range_sigma, distance * sigma]) ** 2 @ axes
+    velocity = axes.T @ np.diag([prior.speed_sigma, speed * prior.course_sigma]) ** 2 @ axes
+    expected = block_diag(position, velocity)
+    np.testing.assert_allclose(simulation.information.bound[..., 0], expected, rtol=1e-9, atol=1e-9)
 
 
 def test_bound_does_not_depend_on_the_tracker_or_its_luck(begin: Callable[..., Simulation]) -> None:

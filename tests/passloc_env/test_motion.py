@@ -141,6 +141,27 @@ def test_manoeuvre_step(kind: int, accelerates: int, turns: int, time: float, sh
     np.testing.assert_allclose(moved[:, 0], expected, **INTEGRATED)
 
 
+def test_environments_of_a_batch_manoeuvre_on_their_own() -> None:
+    """Several in one step, some of them amid their manoeuvre, each as it would alone."""
+    size, rng = 12, np.random.default_rng(1)
+    numbers: dict[str, np.ndarray] = {
+        "start": rng.uniform(0, 10, size),
+        "duration": rng.uniform(0, 10, size),
+        "acceleration": rng.uniform(-2, 2, size),
+        "turn_rate": rng.uniform(-0.1, 0.1, size),
+        "kind": np.arange(size) % 4.0,
+    }
+    batch = Manoeuvre(start=0.0, duration=0.0)
+    for name, values in numbers.items():
+        object.__setattr__(batch, name, values)
+    states, time = STATE[:, None] + rng.normal(size=(4, size)), rng.uniform(0, 15, size)
+    moved = batch.propagate(states, StateLayout(), 2.0, time)
+    for column in range(size):
+        alone = Manoeuvre(**{name: float(values[column]) for name, values in numbers.items()})
+        expected = alone.propagate(states[:, [column]], StateLayout(), 2.0, time[[column]])
+        assert moved[:, column].tobytes() == expected[:, 0].tobytes()
+
+
 def test_manoeuvre_within_one_step() -> None:
     motion = Manoeuvre(start=1.0, duration=1.5, acceleration=ACCELERATION, turn_rate=TURN_RATE)
     moved = motion.propagate(STATE[:, None], motion.layout(2), 6.0, np.zeros(1))
