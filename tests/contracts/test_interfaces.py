@@ -267,6 +267,23 @@ def test_lever_arms_may_be_computed_on_the_fly():
     np.testing.assert_allclose(np.diff(ranges), -100.0 * forward[:, 0].sum(), rtol=0.02)
 
 
+def test_a_mounted_point_takes_part_in_the_rotation():
+    satellite, lever_arm, period = (
+        YawingSatellite(position=(0, 0, 0), velocity=(9, 5, 1), yaw=0.3),
+        (3.0, -2.0, 0.5),
+        0.1,
+    )
+    states = [satellite.start(1)]
+    for _ in range(3):
+        states.append(satellite.move(states[-1], np.full((1, 1), 0.02), period))
+    before, now, after = (satellite.pose(state).mounted(lever_arm) for state in states[1:])
+    velocity = (after.position - before.position) / (2 * period)
+    acceleration = (after.position - 2 * now.position + before.position) / period**2
+    np.testing.assert_allclose(now.velocity, velocity, rtol=1e-5)
+    np.testing.assert_allclose(now.acceleration, acceleration, rtol=1e-5, atol=1e-9)
+    assert np.abs(acceleration).max() > 1e-3
+
+
 def test_it_localises():
     world = flown(PAIR)
     error = position_error(world)

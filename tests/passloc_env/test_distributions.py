@@ -52,7 +52,7 @@ def test_support_is_tight(distribution: Distribution) -> None:
         (Uniform(0.3, 2.0, True), lambda x: 0.5 + np.sign(x) * 0.5 * np.clip((np.abs(x) - 0.3) / 1.7, 0, 1)),
         (LogUniform(1e-4, 1e-1), stats.loguniform(1e-4, 1e-1).cdf),
     ],
-    ids=repr,
+    ids=["uniform", "uniform through zero", "uniform of either sign", "log-uniform"],
 )
 def test_continuous_law(distribution: Distribution, law: object) -> None:
     values = distribution.sample(np.random.default_rng(1).random(DRAWS))
