@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from passloc_env.errors import InputError, ScenarioError
+from passloc_env.errors import InputError
 from passloc_env.scenario import Scenario
 
 WEIGHTS, CARD = "agent.safetensors", "agent.json"
@@ -68,17 +68,17 @@ class AgentFile:
 
     def _check(self, folder: Path) -> None:
         try:
-            self.scenario  # noqa: B018 — building it is the check
-            expected = {
-                f"{network}.{layer}.{kind}": (sizes[layer + 1], sizes[layer])
-                if kind == "weight"
-                else (sizes[layer + 1],)
-                for network, sizes in self.card["architecture"].items()
-                for layer in range(len(sizes) - 1)
-                for kind in ("weight", "bias")
-            }
-        except (KeyError, TypeError, AttributeError, ScenarioError) as error:
-            raise AgentFileError(f"{folder / CARD} does not describe an agent: {error}") from None
+            Scenario.from_dict(self.card["scenario"])
+            _check_networks(self.card["architecture"], self.card["observation"])
+        except (KeyError, TypeError, ValueError) as error:
+            reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+            raise AgentFileError(f"{folder / CARD} does not describe an agent: {reason}") from None
+        expected = {
+            f"{network}.{layer}.{kind}": (sizes[layer + 1], sizes[layer]) if kind == "weight" else (sizes[layer + 1],)
+            for network, sizes in self.card["architecture"].items()
+            for layer in range(len(sizes) - 1)
+            for kind in ("weight", "bias")
+        }
         found = {name: array.shape for name, array in self.weights.items()}
         if found != expected:
             raise AgentFileError(f"{folder / WEIGHTS} does not hold the networks that {CARD} describes")
@@ -86,12 +86,24 @@ class AgentFile:
             raise AgentFileError(f"{folder / WEIGHTS} holds weights that are not finite")
 
 
+def _check_networks(architecture: Any, observation: Any) -> None:
+    """ValueError unless there are an actor and a critic for the observation."""
+    if not isinstance(observation, list) or not all(isinstance(name, str) for name in observation):
+        raise ValueError("observation must be a list of names")
+    if not isinstance(architecture, dict) or set(architecture) != {"actor", "critic"}:
+        raise ValueError("architecture must hold an actor and a critic")
+    for network, sizes in architecture.items():
+        whole = isinstance(sizes, list) and all(isinstance(size, int) and size > 0 for size in sizes)
+        if not whole or len(sizes) < 2 or sizes[0] != len(observation):
+            raise ValueError(f"{network} must list its layer sizes, from the {len(observation)} features on")
+
+
 def _read_card(path: Path) -> dict[str, Any]:
     try:
         card = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise AgentFileError(f"cannot read {path}: {error.strerror}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise AgentFileError(f"{path} is not readable JSON: {error}") from None
     if not isinstance(card, dict) or card.get("format") != _FORMAT:
         raise AgentFileError(f"{path} is not the card of a passloc agent (format {_FORMAT})")

@@ -41,15 +41,17 @@ def find_policy(text: str, scenario: Scenario) -> Policy:
     Raises:
         PolicyError: no such rule or agent (with the closest name), or an agent that does not fit the scenario.
     """
-    if is_agent(Path(text)):
-        return LearnedPolicy.load(Path(text), scenario)
     name, *settings = text.split(":")
     if name not in _RULES:
-        raise PolicyError(str(unknown_name("policy", text, _RULES, "rule, run folder or agent file")))
+        if text and is_agent(Path(text)):
+            return LearnedPolicy.load(Path(text), scenario)
+        raise PolicyError(str(unknown_name("policy", text, _RULES, "rule, run folder or agent file", name=name)))
     try:
         return _RULES[name](scenario, **dict(_setting(item, text) for item in settings))
     except TypeError:
         raise PolicyError(f"policy = {text!r} is not possible: {name} takes no such parameter") from None
+    except ValueError as error:
+        raise PolicyError(f"policy = {text!r} is not possible: {error}") from None
 
 
 def default_policies(scenario: Scenario) -> tuple[str, ...]:

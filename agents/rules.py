@@ -6,6 +6,7 @@ its control style. Other platforms with controls are left neutral.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,8 +20,11 @@ from passloc_env.platforms import PlanarPose, TurnLimitedPlatform
 from passloc_env.scenario import Scenario
 from passloc_env.units import DEGREE, MINUTE
 
-_STEEPEST_TURN = 30 * DEGREE
-"""Turn per decision of a circle flown by a platform that could turn on the spot."""
+_TURN_ON_THE_SPOT = 30 * DEGREE
+"""Turn per decision of a circle flown by a platform whose turn rate is unlimited."""
+
+_LARGEST_TURN = 170 * DEGREE
+"""A heading further to starboard would be reached by turning to port."""
 
 
 @dataclass
@@ -98,8 +102,9 @@ class Circle(Rule):
 
     def heading(self, helm: Helm) -> Array:
         """As far to starboard as one interval allows."""
-        turn = np.minimum(helm.platform.max_turn_rate * helm.interval, _STEEPEST_TURN)
-        return wrap(helm.heading + turn)
+        unlimited = np.isinf(helm.platform.max_turn_rate)
+        turn = np.where(unlimited, _TURN_ON_THE_SPOT, helm.platform.max_turn_rate * helm.interval)
+        return wrap(helm.heading + np.minimum(turn, _LARGEST_TURN))
 
 
 @dataclass(frozen=True)
@@ -180,7 +185,15 @@ def stationary(scenario: Scenario) -> Stationary:
 
 
 def zigzag(scenario: Scenario, angle: float = 60.0, leg: float | None = None) -> Zigzag:
-    """A zigzag whose legs are, unless told otherwise, a sixth of the episode in whole decisions."""
+    """A zigzag whose legs are, unless told otherwise, a sixth of the episode in whole decisions.
+
+    Raises:
+        ValueError: an angle that is not finite, or a leg that is not a positive time.
+    """
+    if not math.isfinite(angle):
+        raise ValueError("angle must be a finite number of degrees")
+    if leg is not None and not 0.0 < leg < math.inf:
+        raise ValueError("leg must be a finite number of seconds above 0")
     episode = scenario.episode
     decisions = max(1, round(episode.duration / 6.0 / episode.interval))
     seconds = decisions * episode.interval if leg is None else leg

@@ -17,13 +17,16 @@ from passloc_env.arrays import Array, BoolArray, IntArray
 from passloc_env.dynamics import Dynamics
 from passloc_env.linalg import (
     cholesky_above,
+    diagonal,
     inner,
     log_determinant,
     matmul,
     matvec,
+    nearest_positive_definite,
     row_gram,
     solve_lower,
     transpose,
+    unsound,
 )
 from passloc_env.sensor_suite import SensorSuite
 
@@ -72,6 +75,14 @@ class Information:
         lower = cholesky_above(predicted, suite.noise_pivots[:, None])
         np.subtract(log_determinant(lower)[-1], suite.noise_log_determinant, out=self.gram_gain)
         self.covariance -= row_gram(transpose(solve_lower(lower, spread)))
+        if not np.logical_and.reduce(diagonal(self.covariance) > 0.0, axis=None):
+            self._repair()
+
+    def _repair(self) -> None:
+        """Undo what cancellation does when a measurement is some 10⁷ times sharper than what was known before."""
+        flat = self.covariance.reshape(*self.covariance.shape[:2], -1)
+        broken = unsound(flat) & np.isfinite(flat).all(axis=(0, 1))
+        flat[..., broken] = nearest_positive_definite(flat[..., broken])
 
     def state_arrays(self) -> dict[str, np.ndarray]:
         """Everything that makes up its state, by name, batch axis last."""

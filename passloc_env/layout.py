@@ -84,3 +84,10 @@ class StateLayout:
             if name in source.nuisance:
                 converted[self.nuisance_row(name)] = state[source.nuisance_row(name)]
         return converted
+
+    def shared_rows(self, other: StateLayout) -> list[tuple[int, int]]:
+        """Pairs of rows that mean the same here and in another layout."""
+        kinematic = min(self.kinematic.stop, other.kinematic.stop)
+        common = [name for name in self.nuisance if name in other.nuisance]
+        nuisances = [(self.nuisance_row(name), other.nuisance_row(name)) for name in common]
+        return [(row, row) for row in range(kinematic)] + nuisances

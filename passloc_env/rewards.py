@@ -78,7 +78,7 @@ class Outcome:
     @lazy
     def nees(self) -> Array:
         """Normalised estimation error squared over the states that truth and tracker share ``(N,)``."""
-        shared = _shared_rows(self.layout, self.scene.layout)
+        shared = self.layout.shared_rows(self.scene.layout)
         theirs = [row for row, _ in shared]
         error = self.mean[theirs] - self.scene.state[[row for _, row in shared]]
         return nees(error, self.covariance[np.ix_(theirs, theirs)])
@@ -87,14 +87,6 @@ class Outcome:
     def violated(self) -> BoolArray:
         """Whether the true range is below ``min_range`` ``(N,)``."""
         return self.range < self.min_range
-
-
-def _shared_rows(layout: StateLayout, truth_layout: StateLayout) -> list[tuple[int, int]]:
-    """Rows of the same meaning in two layouts."""
-    kinematic = min(layout.kinematic.stop, truth_layout.kinematic.stop)
-    rows = [(row, row) for row in range(kinematic)]
-    common = [name for name in layout.nuisance if name in truth_layout.nuisance]
-    return rows + [(layout.nuisance_row(name), truth_layout.nuisance_row(name)) for name in common]
 
 
 @abstract

@@ -50,7 +50,36 @@ def parse_overrides(settings: Sequence[str]) -> dict[str, Any]:
 
 
 def free_path(path: Path) -> Path:
-    """The path itself, checked to lie in a folder that exists."""
+    """The path of a file to write, checked to lie in a folder that exists.
+
+    Raises:
+        FileNotFoundError: no such folder.
+        IsADirectoryError: the path is a folder itself.
+    """
     if not path.resolve().parent.is_dir():
         raise FileNotFoundError(f"{path.parent} is not a folder")
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder: name a file")
     return path
+
+
+def new_folder(wanted: Path | None, name: str) -> Path:
+    """Make a run folder, ``runs/NAME`` by default, numbered when that exists; nothing is ever written over.
+
+    Raises:
+        FileExistsError: the wanted folder is not empty, or is a file.
+    """
+    if wanted is not None:
+        if wanted.exists() and (not wanted.is_dir() or any(wanted.iterdir())):
+            raise FileExistsError(f"{wanted} is not an empty folder: name another one with --out")
+        wanted.mkdir(parents=True, exist_ok=True)
+        return wanted
+    number = 0
+    while True:
+        folder = Path("runs") / (name if number == 0 else f"{name}.{number}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        else:
+            return folder

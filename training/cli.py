@@ -67,8 +67,6 @@ def _evaluate(arguments: Evaluate) -> None:
     scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
     names = arguments.policies.split(",") if arguments.policies else default_policies(scenario)
     policies = [find_policy(name.strip(), scenario) for name in names]
-    if arguments.episodes < 1:
-        raise InputError(f"episodes = {arguments.episodes} is not possible: must be at least 1")
     target = None if arguments.json is None else free_path(arguments.json)
     evaluation = judge(scenario, policies, arguments.episodes, arguments.seed)
     console.print(rich_table(evaluation, console.width))

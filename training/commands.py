@@ -76,11 +76,11 @@ class Demo:
 
     Examples:
         passloc demo
-        passloc demo --decisions 300000 --out runs/demo
+        passloc demo --decisions 300000 --out runs/quick
     """
 
-    out: Path = Path("runs/demo")
-    """Where everything goes; an earlier demo there is replaced."""
+    out: Path | None = None
+    """Where everything goes; by default runs/demo, numbered when that exists."""
     decisions: int | None = None
     """Decisions to train for; by default as the hyperparameters say."""
     episodes: int = 1024

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import shutil
 from pathlib import Path
 
 from agents import LearnedPolicy, Policy, default_policies, find_policy
+from passloc_env.errors import InputError
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
+from training.arguments import new_folder
 from training.commands import Demo
 from training.evaluate import Evaluation, evaluate
 from training.hyperparameters import Hyperparameters
@@ -28,7 +29,9 @@ def demo(arguments: Demo) -> Evaluation:
     parameters = Hyperparameters.for_scenario(scenario.name)
     if arguments.decisions is not None:
         parameters = dataclasses.replace(parameters, decisions=arguments.decisions)
-    folder = _fresh_folder(arguments.out)
+    if arguments.episodes < 1:
+        raise InputError(f"episodes = {arguments.episodes} is not possible: must be at least 1")
+    folder = new_folder(arguments.out, "demo")
     console.print(f"1/3 training PPO for {parameters.decisions:,} decisions on {scenario.name} …")
     finished = run(scenario, parameters, folder, arguments.seed)
     console.print(f"    {finished.seconds:.0f} s; the agent is in {folder}")
@@ -66,14 +69,3 @@ def _save(folder: Path, finished: Run, evaluation: Evaluation, agent: LearnedPol
     draw_tracks(scenario, [agent, *(find_policy(name, scenario) for name in _SHOWN)], evaluation.seed, tracks)
     draw_learning_curve(finished, evaluation, curve)
     return [table, results, tracks, curve]
-
-
-def _fresh_folder(folder: Path) -> Path:
-    """An empty folder; only what an earlier demo wrote is removed."""
-    marker = folder / "config.json"
-    if folder.exists() and any(folder.iterdir()):
-        if not marker.exists():
-            raise FileExistsError(f"{folder} is not empty and holds no earlier demo: name another folder with --out")
-        shutil.rmtree(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder

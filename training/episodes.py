@@ -105,9 +105,9 @@ def fly(
         count = min(CHUNK, episodes - first)
         env = LocalisationVectorEnv(count, flown, autoreset_mode=AutoresetMode.DISABLED)
         recorders = [Recorder(tile) for tile in env.batch.tiles]
-        rng = np.random.default_rng(np.random.SeedSequence((seed, first)))
         observation, _ = env.reset(seed=seed + first)
-        for _ in range(decisions):
+        for decision in range(decisions):
+            rng = _policy_generator(seed, decision, first * flown.action_size)
             begun = time.perf_counter()
             actions = policy.act(observation, env.belief, rng)
             thinking += time.perf_counter() - begun
@@ -115,3 +115,14 @@ def fly(
         parts += [recorder.scores(tile) for recorder, tile in zip(recorders, env.batch.tiles, strict=True)]
         progress(count)
     return Scores.join(parts), thinking / (decisions * episodes)
+
+
+def _policy_generator(seed: int, decision: int, skip: int) -> np.random.Generator:
+    """The policy's random numbers at one decision, beyond those of earlier episodes.
+
+    A policy that draws one uniform number per action component then does the same in each episode however the episodes
+    are batched.
+    """
+    bits = np.random.PCG64(np.random.SeedSequence((seed, decision)))
+    bits.advance(skip)
+    return np.random.Generator(bits)

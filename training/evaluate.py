@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from agents import Policy
+from passloc_env.errors import InputError
 from passloc_env.models import state_layout
 from passloc_env.scenario import Scenario
 from training.commands import EVALUATION_SEED
@@ -72,7 +74,7 @@ class Evaluation:
             "policies": [dataclasses.asdict(verdict) for verdict in self.verdicts],
             "provenance": provenance(sys.argv),
         }
-        return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+        return json.dumps(_finite(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
     def save(self, path: Path) -> None:
         """Write :meth:`to_json`; the file appears whole or not at all."""
@@ -96,14 +98,22 @@ def evaluate(
         episodes: how many, with seeds ``seed, seed + 1, …``.
         seed: of the first episode.
         progress: called with a policy's name and the number of its episodes just finished.
+
+    Raises:
+        InputError: fewer than one episode, or a negative seed.
     """
+    if episodes < 1:
+        raise InputError(f"episodes = {episodes} is not possible: must be at least 1")
+    if seed < 0:
+        raise InputError(f"seed = {seed} is not possible: must be at least 0")
     bootstrap = Bootstrap(episodes)
     names = _unique([policy.name for policy in policies])
     scores: dict[str, Scores] = {}
     seconds: dict[str, float] = {}
     for name, policy in zip(names, policies, strict=True):
         scores[name], seconds[name] = fly(scenario, policy, episodes, seed, functools.partial(progress, name))
-    states = state_layout(scenario, scenario.tracker.motion).size
+    tracked, true = (state_layout(scenario, motion) for motion in (scenario.tracker.motion, scenario.target.motion))
+    states = len(tracked.shared_rows(true))
     verdicts = [_judge(name, scores[name], scores[names[0]], seconds[name], states, bootstrap) for name in names]
     band = chi_square_band(states * episodes)
     return Evaluation(scenario, episodes, seed, names[0], verdicts, band, scores)
@@ -133,4 +143,21 @@ def _judge(name: str, scores: Scores, reference: Scores, seconds: float, states:
 
 def _unique(names: list[str]) -> list[str]:
     """Names made different by numbering the repeated ones."""
-    return [name if names.count(name) == 1 else f"{name} ({names[:i].count(name) + 1})" for i, name in enumerate(names)]
+    unique: list[str] = []
+    for index, name in enumerate(names):
+        number = names[:index].count(name) + 1
+        candidate = name if names.count(name) == 1 else f"{name} ({number})"
+        while candidate in unique:
+            number += 1
+            candidate = f"{name} ({number})"
+        unique.append(candidate)
+    return unique
+
+
+def _finite(data: Any) -> Any:
+    """The data with null for what is not a finite number, which JSON does not know."""
+    if isinstance(data, dict):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_finite(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data

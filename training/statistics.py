@@ -53,7 +53,7 @@ def rate(events: BoolArray) -> Estimate:
     n, share, z = len(events), float(np.mean(events)), _NORMAL_975
     centre = (share + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-    return Estimate(share, max(0.0, centre - half), min(1.0, centre + half))
+    return Estimate(share, min(share, max(0.0, centre - half)), max(share, min(1.0, centre + half)))
 
 
 def root_mean_square(values: Array, axis: int = 0) -> Array:

@@ -18,10 +18,11 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from agents.agent_file import AgentFile
+from passloc_env.errors import InputError
 from passloc_env.sb3 import make_vec_env
 from passloc_env.scenario import Scenario
 from passloc_env.spaces import observation_names
-from training.arguments import parse_overrides, read_scenario
+from training.arguments import new_folder, parse_overrides, read_scenario
 from training.commands import Train
 from training.curve import CurveCallback
 from training.hyperparameters import Hyperparameters
@@ -62,16 +63,21 @@ def train(arguments: Train) -> Run:
     Raises:
         ScenarioError: an unknown scenario or field, or an impossible value.
         HyperparameterError: unusable hyperparameters.
+        InputError: a negative seed.
         FileExistsError: the run folder already holds a run.
     """
     scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
     parameters = _parameters(arguments, scenario)
-    folder = _new_folder(arguments.out, f"{scenario.name}-{arguments.seed}")
+    if arguments.seed < 0:
+        raise InputError(f"seed = {arguments.seed} is not possible: must be at least 0")
+    # Whatever can be wrong with the overrides shall be said before there is a folder.
+    scenario.override(parameters.overrides)
+    folder = new_folder(arguments.out, f"{scenario.name}-{arguments.seed}")
     return run(scenario, parameters, folder, arguments.seed, quiet=arguments.quiet)
 
 
 def run(scenario: Scenario, parameters: Hyperparameters, folder: Path, seed: int, quiet: bool = False) -> Run:
-    """Train one agent into an existing, empty folder."""
+    """Train one agent into an existing, empty folder, on the scenario with the hyperparameters' overrides applied."""
     torch.set_num_threads(1)
     trained = scenario.override(parameters.overrides)
     _write_configuration(folder, trained, parameters, seed)
@@ -101,7 +107,7 @@ def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> PPO:
         n_steps=parameters.rollout,
         batch_size=parameters.batch_size,
         n_epochs=parameters.epochs,
-        learning_rate=lambda remaining: parameters.learning_rate * remaining,
+        learning_rate=lambda remaining: parameters.learning_rate * max(remaining, 0.0),
         gamma=parameters.discount,
         gae_lambda=parameters.trace_decay,
         ent_coef=parameters.entropy,
@@ -150,24 +156,6 @@ def _parameters(arguments: Train, scenario: Scenario) -> Hyperparameters:
     if arguments.decisions is not None:
         parameters = dataclasses.replace(parameters, decisions=arguments.decisions)
     return parameters
-
-
-def _new_folder(wanted: Path | None, name: str) -> Path:
-    """Make the run folder; one that already holds a run is never written into."""
-    if wanted is not None:
-        if wanted.exists() and any(wanted.iterdir()):
-            raise FileExistsError(f"{wanted} is not empty: name another folder with --out")
-        wanted.mkdir(parents=True, exist_ok=True)
-        return wanted
-    number = 0
-    while True:
-        folder = Path("runs") / (name if number == 0 else f"{name}.{number}")
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            number += 1
-        else:
-            return folder
 
 
 def _write_configuration(folder: Path, scenario: Scenario, parameters: Hyperparameters, seed: int) -> None:

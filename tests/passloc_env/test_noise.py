@@ -169,6 +169,17 @@ def test_every_step_is_measured_with_its_own_noise(begin: Callable[..., Simulati
     assert len(np.unique(noises)) == np.size(noises)
 
 
+def test_the_emitter_is_disturbed_by_the_noise_of_each_step(begin: Callable[..., Simulation]) -> None:
+    changes = {"target.motion.acceleration_noise": 2.0, "episode.decision_every": 1}
+    simulation = begin(Scenario().override(changes), 3)
+    dynamics = simulation.models.truth.dynamics
+    for step in range(3):
+        expected = dynamics.mean(simulation.truth, simulation.time)
+        dynamics.disturb(expected, simulation.noise.process(np.full(3, step)))
+        simulation.step(np.zeros((1, 3)))
+        np.testing.assert_allclose(simulation.truth, expected, rtol=1e-12)
+
+
 def test_an_unknown_carrier_is_scattered_by_its_prior(begin: Callable[..., Simulation]) -> None:
     simulation = begin(SCENARIOS["BearingDopplerUnknownCarrier"], 2000)
     offsets = simulation.truth[simulation.models.truth.layout.nuisance_row("carrier_offset")]

@@ -147,7 +147,7 @@ def test_train_then_evaluate_the_agent(passloc, tmp_path):
         (("train", "--decisions", "0"), "decisions"),
         (("train", "--hyperparameters", "nowhere.yaml"), "cannot read"),
         (("train", "--hyperparameters", "tiny.yaml", "--seed", "-1", "--quiet", *QUICK), "seed"),
-        (("train", "--hyperparameters", "tiny.yaml", "--out", "."), "not empty"),
+        (("train", "--hyperparameters", "tiny.yaml", "--out", "."), "--out"),
         (("train", "--hyperparameters", "tiny.yaml", "--out", "tiny.yaml"), "tiny.yaml"),
         (("demo", "--out", "."), "--out"),
         (("demo", "--decisions", "-1"), "decisions"),

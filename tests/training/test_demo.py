@@ -1,6 +1,5 @@
 """The demo at its smallest: everything it promises is there, and nothing of anybody else's is gone."""
 
-import contextlib
 import io
 import json
 import struct
@@ -159,27 +158,17 @@ def test_somebodys_project_is_no_demo(tmp_path, refuse):
     assert (tmp_path / "src").is_dir()
 
 
-def fake_demo(folder):
-    folder.mkdir(exist_ok=True)
+def test_an_earlier_demo_is_left_alone_too(tmp_path, refuse, begin, monkeypatch):
+    """Named, it is refused; unnamed, the next one gets a number."""
+    earlier = tmp_path / "runs" / "demo"
+    earlier.mkdir(parents=True)
     for name in FILES - {"tensorboard"}:
-        (folder / name).write_text("old", encoding="utf-8")
-    (folder / "tensorboard").mkdir()
-    (folder / "tensorboard" / "events.old").write_text("old", encoding="utf-8")
-
-
-def test_an_earlier_demo_is_replaced(tmp_path, begin):
-    fake_demo(tmp_path / "demo")
-    begin(tmp_path / "demo")
-    assert list((tmp_path / "demo").iterdir()) == []
-
-
-def test_only_what_the_demo_wrote_is_removed(tmp_path, begin):
-    """Either the stranger's file survives, or the folder is refused as a whole."""
-    fake_demo(tmp_path / "demo")
-    (tmp_path / "demo" / "thesis.tex").write_text("precious", encoding="utf-8")
-    with contextlib.suppress(FileExistsError):
-        begin(tmp_path / "demo")
-    assert (tmp_path / "demo" / "thesis.tex").read_text(encoding="utf-8") == "precious"
+        (earlier / name).write_text("old", encoding="utf-8")
+    refuse(earlier)
+    monkeypatch.chdir(tmp_path)
+    begin(None)
+    assert sorted(path.name for path in (tmp_path / "runs").iterdir()) == ["demo", "demo.1"]
+    assert (earlier / "table.md").read_text(encoding="utf-8") == "old"
 
 
 def test_an_empty_or_new_folder_is_used(tmp_path, begin):

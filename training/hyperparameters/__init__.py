@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,36 @@ _FOLDER = Path(__file__).parent
 
 class HyperparameterError(InputError):
     """Hyperparameters that cannot be used; the message is one line."""
+
+
+def _whole(value: Any, least: int = 1) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= least
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+_WHOLE = ("a whole number of at least 1", _whole)
+_POSITIVE = ("a finite number above 0", lambda value: _finite(value) and value > 0)
+_SHARE = ("above 0 and at most 1", lambda value: _finite(value) and 0 < value <= 1)
+
+_ACCEPTS: dict[str, tuple[str, Callable[[Any], bool]]] = {
+    "decisions": _WHOLE,
+    "environments": _WHOLE,
+    "rollout": _WHOLE,
+    "batch_size": ("a whole number of at least 2", lambda value: _whole(value, least=2)),
+    "epochs": _WHOLE,
+    "learning_rate": _POSITIVE,
+    "discount": _SHARE,
+    "trace_decay": _SHARE,
+    "entropy": ("a finite number of at least 0", lambda value: _finite(value) and value >= 0),
+    "initial_log_sigma": ("a finite number", _finite),
+    "reward_scale": _POSITIVE,
+    "network": ("a list of layer widths", lambda value: isinstance(value, tuple) and all(map(_whole, value))),
+    "overrides": ("a mapping from dotted names to values", lambda value: isinstance(value, dict)),
+}
+"""What each hyperparameter accepts, in words and as a test."""
 
 
 @dataclass(frozen=True)
@@ -50,14 +82,9 @@ class Hyperparameters:
     """Scenario fields changed for training alone, by dotted name."""
 
     def __post_init__(self) -> None:
-        positive = ("decisions", "environments", "rollout", "batch_size", "epochs", "learning_rate", "reward_scale")
-        for name in positive:
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0:
-                raise HyperparameterError(f"{name} = {value!r} is not possible: must be a number above 0")
-        for name in ("discount", "trace_decay"):
-            if not 0.0 < getattr(self, name) <= 1.0:
-                raise HyperparameterError(f"{name} = {getattr(self, name)!r} is not possible: must be in (0, 1]")
+        for name, (allowed, accepts) in _ACCEPTS.items():
+            if not accepts(getattr(self, name)):
+                raise HyperparameterError(f"{name} = {getattr(self, name)!r} is not possible: must be {allowed}")
 
     @classmethod
     def load(cls, path: Path) -> Hyperparameters:
@@ -66,13 +93,13 @@ class Hyperparameters:
             data = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
         except OSError as error:
             raise HyperparameterError(f"cannot read {path}: {error.strerror}") from None
-        except yaml.YAMLError as error:
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise HyperparameterError(f"{path} is not readable YAML: {' '.join(str(error).split())}") from None
         known = [item.name for item in dataclasses.fields(cls)]
         if not isinstance(data, dict) or not set(data) <= set(known):
-            unknown = sorted(set(data) - set(known)) if isinstance(data, dict) else data
+            unknown = sorted(map(str, set(data) - set(known))) if isinstance(data, dict) else data
             raise HyperparameterError(f"{path}: unknown hyperparameters {unknown}; known: {', '.join(known)}")
-        if "network" in data:
+        if isinstance(data.get("network"), list):
             data["network"] = tuple(data["network"])
         return cls(**data)
 
