@@ -65,8 +65,9 @@ def draw_tracks(scenario: Scenario, policies: Sequence[Policy], seed: int, path:
         _draw_map(axes[0, column], track, scenario)
         axes[0, column].set_title(policy.name)
         _draw_errors(axes[1, column], track, scenario)
-    for row in (0, 1):
-        axes[row, 0].legend(loc="upper right", fontsize=8, framealpha=0.9)
+    # Below the axes, where no track can run into it.
+    handles = [handle for row in (0, 1) for handle in axes[row, 0].get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     figure.suptitle(f"{scenario.name}, seed {seed}")
     figure.savefig(path, dpi=110)
     plt.close(figure)

@@ -254,6 +254,7 @@ def test_a_card_that_does_not_describe_the_agent(folder, change):
         {"critic": [FEATURES, 1]},
         {"actor": [], "critic": [FEATURES, 1]},
         {"actor": [1], "critic": [FEATURES, 1]},
+        {"actor": [FEATURES], "critic": [FEATURES, 1]},
         {"actor": [3, 1], "critic": [FEATURES, 1]},
     ],
     ids=str,
@@ -268,6 +269,7 @@ def test_weights_and_card_that_agree_on_nonsense(folder, architecture):
     }
     save_file(weights, folder / WEIGHTS)
     assert refusal_names_a_file(folder, {"architecture": architecture})
+    assert str(folder) in refusal(folder, scenario=None)
 
 
 def refusal_names_a_file(folder, change):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from agents import find_policy
+from agents import Random, find_policy
 from passloc_env import SCENARIOS, LocalisationEnv
 from passloc_env.distributions import Uniform
 from training import episodes
@@ -209,6 +209,21 @@ def test_chunks_change_nothing(name, monkeypatch):
     parts, _ = fly(scenario, policy, 11, seed=5, progress=done.append)
     assert done == [4, 4, 3]
     assert same(parts, whole)
+
+
+def test_random_numbers_are_new_at_every_decision_of_every_episode(monkeypatch):
+    """Across chunks as well: what a policy draws it never draws again."""
+    drawn = []
+
+    class Watched(Random):
+        def act(self, observation, belief, rng):
+            drawn.append(super().act(observation, belief, rng))
+            return drawn[-1]
+
+    monkeypatch.setattr(episodes, "CHUNK", 4)
+    fly(SCENARIOS["BearingsOnly"].override({"episode.steps": 24}), Watched(), 6, seed=5)
+    assert [actions.shape for actions in drawn] == [(4, 1)] * 6 + [(2, 1)] * 6
+    assert len(np.unique(np.concatenate(drawn))) == 36
 
 
 def test_more_episodes_begin_with_the_same_ones():
