@@ -18,10 +18,10 @@ from passloc_env.randomisation import join
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 
-TILE = 2048
+TILE = 4096
 """Environments per tile: larger tiles fall out of the caches, smaller ones pay NumPy's call overhead."""
 
-# A large block, allocated and freed, teaches glibc's allocator to keep the temporaries of a tile (up to 600 kB) on its
+# A large block, allocated and freed, teaches glibc's allocator to keep the temporaries of a tile (up to 1.2 MB) on its
 # heap: its thresholds follow the largest block ever freed. Otherwise each one would be mapped, faulted in page by page
 # and unmapped again, which halves the speed. The block itself is never touched, so it costs nothing.
 np.empty(31 << 20, np.uint8)

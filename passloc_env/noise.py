@@ -77,17 +77,17 @@ class EpisodeNoise:
         self._bits.state = whole
         return self._generator
 
-    def measurement(self, step: IntArray) -> Array:
-        """Standard normals ``(m, N)`` of the measurement at step ``(N,)``."""
-        return self._measurement[self._rows, step].T
+    def measurement(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
+        """Standard normals ``(m, k)`` of the measurement at step ``(N,)``, in some environments."""
+        return self._measurement[self._rows[columns], step[columns]].T
 
-    def process(self, step: IntArray) -> Array:
+    def process(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
         """Standard normals ``(w, N)`` that disturb the emitter from step ``(N,)`` to the next."""
-        return self._process[self._rows, step].T
+        return self._process[self._rows[columns], step[columns]].T
 
-    def detection(self, step: IntArray) -> Array:
+    def detection(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
         """Standard uniforms ``(s, N)`` that decide what is detected at step ``(N,)``."""
-        return self._detection[self._rows, step].T
+        return self._detection[self._rows[columns], step[columns]].T
 
     def state_arrays(self) -> dict[str, np.ndarray]:
         """All numbers, by kind, batch axis last."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -69,22 +70,32 @@ class Randomisation:
 
 def join(components: list[Any]) -> Any:
     """One realised component from the same component of several batches, their arrays put end to end."""
-    joined = copy.copy(components[0])
-    for name, spec in specs(type(joined)).items():
+    return _combine(components, lambda values: np.concatenate(values))
+
+
+def take(component: Any, columns: IntArray) -> Any:
+    """A realised component as it stands in some environments only."""
+    return _combine([component], lambda values: values[0][columns])
+
+
+def _combine(components: list[Any], numbers: Callable[[list[Array]], Array]) -> Any:
+    """The component whose per-environment numbers are made from those of others like it."""
+
+    def combined(values: list[Any]) -> Any:
+        return numbers(values) if isinstance(values[0], np.ndarray) else values[0]
+
+    result = copy.copy(components[0])
+    for name, spec in specs(type(result)).items():
         values = [getattr(component, name) for component in components]
         if isinstance(spec, Quantity):
-            value = _join_numbers(values)
+            value = combined(values)
         elif isinstance(spec, Vector):
-            value = tuple(_join_numbers(list(items)) for items in zip(*values, strict=True))
+            value = tuple(combined(list(items)) for items in zip(*values, strict=True))
         elif isinstance(spec, Part):
-            value = join(values)
+            value = _combine(values, numbers)
         elif isinstance(spec, Parts):
-            value = tuple(join(list(items)) for items in zip(*values, strict=True))
+            value = tuple(_combine(list(items), numbers) for items in zip(*values, strict=True))
         else:
             continue
-        object.__setattr__(joined, name, value)
-    return joined
-
-
-def _join_numbers(values: list[Any]) -> Any:
-    return np.concatenate(values) if isinstance(values[0], np.ndarray) else values[0]
+        object.__setattr__(result, name, value)
+    return result

@@ -7,6 +7,7 @@ own. It knows no Gymnasium; :mod:`passloc_env.vector_env` and :mod:`passloc_env.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from passloc_env.linalg import inner
 from passloc_env.models import ScenarioModels
 from passloc_env.noise import EpisodeNoise, NoiseSizes
 from passloc_env.platforms import Pose
-from passloc_env.randomisation import Randomisation
+from passloc_env.randomisation import Randomisation, take
 from passloc_env.rewards import Outcome
 from passloc_env.scenario import Scenario
 from passloc_env.sensor_suite import may_miss
@@ -94,14 +95,17 @@ class Simulation:
         for watch in self.watchers:
             watch(self)
 
-    def measure(self, scene: Scene) -> tuple[Array, BoolArray | None]:
-        """The noisy measurement ``(m, N)`` of the true scene, and what of it was detected (None: all)."""
+    def measure(self, scene: Scene, columns: IntArray | slice = slice(None)) -> tuple[Array, BoolArray | None]:
+        """The noisy measurement ``(m, k)`` of a true scene, and what of it was detected (None: all).
+
+        ``columns`` tells which environments the scene shows; all by default.
+        """
         suite = self.models.suite
         step = np.minimum(self.step_count, self.scenario.episode.steps)
         measurement = suite.measure(scene)
-        measurement += suite.noise(self.noise.measurement(step))
+        measurement += suite.noise(self.noise.measurement(step, columns))
         suite.wrap(measurement)
-        detected = suite.detected(self.noise.detection(step)) if suite.may_miss else None
+        detected = suite.detected(self.noise.detection(step, columns)) if suite.may_miss else None
         return measurement, detected
 
     def _move_emitter(self, time: Array) -> None:
@@ -239,38 +243,50 @@ class Simulation:
             self.noise.draw(int(column), generator)
         self._randomisation.sample(columns, self.noise.uniforms[:, columns])
         self._rebuild_models()
-        self._place(columns)
         for values in (self.step_count, self.reward, self.violated, self.breached, self.lost):
             values[columns] = 0
         for total in self.reward_terms.values():
             total[columns] = 0.0
         self.action[:, columns] = 0.0
-        scene = self.scene()
-        measurement, _ = self.measure(scene)
-        self._start_tracking(columns, measurement, self.reported_poses(scene.poses))
-        self.outcome = self.look(scene)
+        self._open(columns)
+        self.outcome = self.look(self.scene())
 
-    def _place(self, columns: IntArray) -> None:
-        """Put emitter and platforms where the episode begins."""
-        n, layout = self.environments, self.models.truth.layout
-        start = self.realised.target.start.sample(n)
-        self.truth[:, columns] = 0.0
-        self.truth[: len(start), columns] = start[:, columns]
-        for nuisance, normal in zip(self.models.truth_nuisances, self.noise.nuisances, strict=True):
-            self.truth[layout.nuisance_row(nuisance.name), columns] = (nuisance.sigma * normal)[columns]
-        for index, platform in enumerate(self.realised.platforms):
-            self.platform_states[index][:, columns] = platform.start(n)[:, columns]
+    def _open(self, columns: IntArray) -> None:
+        """Put everything where the episode begins, take the first look, and build belief and bound from it."""
+        # Matrices that hold random numbers hold those of all environments: then all are evaluated, and some are kept.
+        evaluated = np.arange(self.environments) if self.models.volatile else columns
+        kept = columns if self.models.volatile else slice(None)
+        world: Scenario = take(self.realised, evaluated)
+        truth = self._first_truth(world, evaluated)
+        states = [platform.start(len(evaluated)) + 0.0 for platform in world.platforms]
+        poses = [platform.pose(state) for platform, state in zip(world.platforms, states, strict=True)]
+        everything = zip(world.platforms, states, poses, strict=True)
+        reported = [platform.reported_pose(state, pose) for platform, state, pose in everything]
+        measurement, _ = self.measure(Scene(truth, self.models.truth.layout, poses), evaluated)
+
+        look = self._first_look(truth, measurement, reported, self.noise.prior[:, evaluated])
+        mean, covariance = world.prior.start(look)
+        self.track.start(columns, mean[:, kept], covariance[..., kept])
+        layout = self.models.bound.layout
+        seen = replace(look, layout=layout, nuisances=self.models.bound_nuisances)
+        seen.truth = layout.convert(truth, self.models.truth.layout)
+        self.information.start(columns, world.prior.at_truth(seen)[..., kept])
+
+        self.truth[:, columns] = truth[:, kept]
+        for index, state in enumerate(states):
+            self.platform_states[index][:, columns] = state[:, kept]
             self._set_points[index][:, columns] = 0.0
 
-    def _start_tracking(self, columns: IntArray, measurement: Array, reported: list[Pose]) -> None:
-        """Build belief and bound from the first measurement."""
-        layout = self.models.bound.layout
-        mean, covariance = self._prior(measurement, reported)
-        self.track.start(columns, mean[:, columns], covariance[..., columns])
-        bound_look = self._first_look(measurement, reported)
-        bound_look.layout, bound_look.nuisances = layout, self.models.bound_nuisances
-        bound_look.truth = layout.convert(self.truth, self.models.truth.layout)
-        self.information.start(columns, self.realised.prior.at_truth(bound_look)[..., columns])
+    def _first_truth(self, world: Scenario, columns: IntArray) -> Array:
+        """The true state ``(n, k)`` at the beginning of the episodes of some environments."""
+        layout = self.models.truth.layout
+        truth = np.zeros((layout.size, len(columns)))
+        start = world.target.start.sample(len(columns))
+        truth[: len(start)] = start
+        normals = self.noise.nuisances[:, columns]
+        for nuisance, normal in zip(self.models.truth_nuisances, normals, strict=True):
+            truth[layout.nuisance_row(nuisance.name)] = nuisance.sigma * normal
+        return truth
 
     def _restart_where_broken(self, measurement: Array, reported: list[Pose]) -> None:
         """A tracker that went non-finite begins anew from the prior; the restart is counted as a repair."""
@@ -278,22 +294,21 @@ class Simulation:
             return
         columns = np.flatnonzero(~np.isfinite(self.track.nis))
         repairs = self.track.repairs[columns] + 1
-        mean, covariance = self._prior(measurement, reported)
+        look = self._first_look(self.truth, measurement, reported, self.noise.prior)
+        mean, covariance = self.realised.prior.start(look)
         self.track.start(columns, mean[:, columns], covariance[..., columns])
         self.track.repairs[columns] = repairs
 
-    def _prior(self, measurement: Array, reported: list[Pose]) -> tuple[Array, Array]:
-        return self.realised.prior.start(self._first_look(measurement, reported))
-
-    def _first_look(self, measurement: Array, reported: list[Pose]) -> FirstLook:
+    def _first_look(self, truth: Array, measurement: Array, reported: list[Pose], normals: Array) -> FirstLook:
+        """What a tracker's prior is made from."""
         layout = self.models.tracker.layout
         return FirstLook(
             layout=layout,
-            truth=layout.convert(self.truth, self.models.truth.layout),
+            truth=layout.convert(truth, self.models.truth.layout),
             measurement=measurement,
             suite=self.models.suite,
             pose=reported[self.realised.prior.carrier_platform(self.scenario.sensors)],
-            normals=self.noise.prior,
+            normals=normals,
             nuisances=self.models.tracker_nuisances,
         )
 

@@ -351,7 +351,7 @@ def test_missed_detections():
     missing = HONEST.override({f"sensors.{index}.detection_probability": 0.3 for index in range(5)})
     world, seen = Simulation(missing, SIZE), []
     measure = world.measure
-    world.measure = lambda scene: seen.append(measure(scene)) or seen[-1]
+    world.measure = lambda scene, *columns: seen.append(measure(scene, *columns)) or seen[-1]
     world.reset(np.arange(SIZE), [np.random.default_rng(seed) for seed in range(SIZE)])
     for _ in range(12):
         world.step(np.zeros((2, SIZE)))

@@ -25,8 +25,8 @@ def record(env, heard):
     (world,) = env.batch.tiles
     measure = world.measure
 
-    def listen(scene):
-        heard.append(measure(scene))
+    def listen(scene, *columns):
+        heard.append(measure(scene, *columns))
         return heard[-1]
 
     world.measure = listen
@@ -36,7 +36,7 @@ def replay(env, heard):
     """Let the environment hear what another one has heard."""
     (world,) = env.batch.tiles
     remaining = iter(heard)
-    world.measure = lambda scene: next(remaining)
+    world.measure = lambda scene, *columns: next(remaining)
 
 
 def displace(env):
