@@ -47,9 +47,14 @@ class Component:
         """Check what no single field can; overridden by components that need it."""
 
 
-def specs(kind: type[Component]) -> dict[str, Spec]:
+def specs(kind: type[Component]) -> Mapping[str, Spec]:
     """The declared fields of a component class, in order."""
-    return {f.name: f.metadata["spec"] for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    if kind not in _SPECS:
+        _SPECS[kind] = {f.name: f.metadata["spec"] for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    return _SPECS[kind]
+
+
+_SPECS: dict[type[Component], Mapping[str, Spec]] = {}
 
 
 def from_dict(data: Mapping[str, Any], default: type[Component] | None = None) -> Component:

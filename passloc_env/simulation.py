@@ -23,7 +23,7 @@ from passloc_env.rewards import Outcome
 from passloc_env.scenario import Scenario
 from passloc_env.sensor_suite import may_miss
 from passloc_env.sightline import Scene
-from passloc_env.tracking.initialisation import FirstLook
+from passloc_env.tracking.initialisation import FirstLook, Prior
 
 
 class Simulation:
@@ -256,32 +256,33 @@ class Simulation:
         # Matrices that hold random numbers hold those of all environments: then all are evaluated, and some are kept.
         evaluated = np.arange(self.environments) if self.models.volatile else columns
         kept = columns if self.models.volatile else slice(None)
-        world: Scenario = take(self.realised, evaluated)
-        truth = self._first_truth(world, evaluated)
-        states = [platform.start(len(evaluated)) + 0.0 for platform in world.platforms]
-        poses = [platform.pose(state) for platform, state in zip(world.platforms, states, strict=True)]
-        everything = zip(world.platforms, states, poses, strict=True)
+        platforms = [take(platform, evaluated) for platform in self.realised.platforms]
+        prior: Prior = take(self.realised.prior, evaluated)
+        truth = self._first_truth(evaluated)
+        states = [platform.start(len(evaluated)) + 0.0 for platform in platforms]
+        poses = [platform.pose(state) for platform, state in zip(platforms, states, strict=True)]
+        everything = zip(platforms, states, poses, strict=True)
         reported = [platform.reported_pose(state, pose) for platform, state, pose in everything]
         measurement, _ = self.measure(Scene(truth, self.models.truth.layout, poses), evaluated)
 
         look = self._first_look(truth, measurement, reported, self.noise.prior[:, evaluated])
-        mean, covariance = world.prior.start(look)
+        mean, covariance = prior.start(look)
         self.track.start(columns, mean[:, kept], covariance[..., kept])
         layout = self.models.bound.layout
         seen = replace(look, layout=layout, nuisances=self.models.bound_nuisances)
         seen.truth = layout.convert(truth, self.models.truth.layout)
-        self.information.start(columns, world.prior.at_truth(seen)[..., kept])
+        self.information.start(columns, prior.at_truth(seen)[..., kept])
 
         self.truth[:, columns] = truth[:, kept]
         for index, state in enumerate(states):
             self.platform_states[index][:, columns] = state[:, kept]
             self._set_points[index][:, columns] = 0.0
 
-    def _first_truth(self, world: Scenario, columns: IntArray) -> Array:
+    def _first_truth(self, columns: IntArray) -> Array:
         """The true state ``(n, k)`` at the beginning of the episodes of some environments."""
         layout = self.models.truth.layout
         truth = np.zeros((layout.size, len(columns)))
-        start = world.target.start.sample(len(columns))
+        start = take(self.realised.target.start, columns).sample(len(columns))
         truth[: len(start)] = start
         normals = self.noise.nuisances[:, columns]
         for nuisance, normal in zip(self.models.truth_nuisances, normals, strict=True):
