@@ -218,10 +218,23 @@ class LinearMap:
 
     def congruence(self, matrices: Array) -> None:
         """``P ← A P Aᵀ`` in place for symmetric ``(n, n, …, N)``; symmetric again, to the last bit."""
+        if self._in_place and len(self._runs) == 1 and self._runs[0][0].start == 0:
+            self._leading_congruence(matrices)
+            return
         self.apply(matrices)
         self.apply(transpose(matrices))
         matrices += transpose(matrices)
         matrices *= 0.5
+
+    def _leading_congruence(self, matrices: Array) -> None:
+        """The same where only the leading rows change: half the work, for the other rows follow by symmetry."""
+        lead, column, entries = self._runs[0]
+        entries = entries.reshape(len(entries), *(1,) * (matrices.ndim - 2), -1)
+        stripe = matrices[lead]
+        stripe += entries * matrices[column]
+        block = stripe[:, lead] + stripe[:, column] * transpose(entries)
+        stripe[:, lead] = 0.5 * (block + transpose(block))
+        matrices[lead.stop :, lead] = transpose(stripe[:, lead.stop :])
 
     def _add_runs(self, vectors: Array, result: Array) -> None:
         middle = vectors.ndim - 2

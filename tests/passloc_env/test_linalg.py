@@ -246,3 +246,19 @@ def test_bits_do_not_depend_on_the_batch(
     function: Callable[..., np.ndarray], arrays: list[np.ndarray], assert_batch_free: Callable[..., None]
 ) -> None:
     assert_batch_free(function, *arrays)
+
+
+@pytest.mark.parametrize("copies", [(), (2,)])
+@pytest.mark.parametrize("size", [1, 5])
+def test_congruence_of_a_single_run_with_entries_of_its_own(size: int, copies: tuple[int, ...]) -> None:
+    """The short cut for maps that change the leading rows alone, with a different entry in each."""
+    rng = np.random.default_rng(4)
+    matrix = np.eye(5)
+    matrix[0, 2], matrix[1, 3] = 0.7, -1.9
+    root = rng.normal(size=(5, 5, *copies, size))
+    symmetric = np.einsum("ik...,jk...->ij...", root, root)
+    symmetric = 0.5 * (symmetric + symmetric.swapaxes(0, 1))
+    expected = np.einsum("ik,kl...,jl->ij...", matrix, symmetric, matrix)
+    linalg.LinearMap(matrix).congruence(symmetric)
+    np.testing.assert_allclose(symmetric, expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(symmetric, symmetric.swapaxes(0, 1))
