@@ -12,7 +12,7 @@ SIZE = 3
 
 
 @pytest.fixture
-def refused(assert_same):
+def assert_refused(assert_same):
     """Calls that must raise one line and leave the environment exactly as it was, also for what it does next."""
 
     def check(env, call, kind, message):
@@ -61,42 +61,42 @@ def finished(vector_env, actions):
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_action_not_finite(bad, scalar, vector, refused):
-    refused(scalar, lambda: scalar.step(np.array([bad])), ActionError, "NaN or infinite")
+def test_action_not_finite(bad, scalar, vector, assert_refused):
+    assert_refused(scalar, lambda: scalar.step(np.array([bad])), ActionError, "NaN or infinite")
     action = np.zeros((SIZE, 1))
     action[1] = bad
-    refused(vector, lambda: vector.step(action), ActionError, r"\[1\] are NaN or infinite")
+    assert_refused(vector, lambda: vector.step(action), ActionError, r"\[1\] are NaN or infinite")
 
 
 @pytest.mark.parametrize("shape", [(), (0,), (2,), (1, 1)])
-def test_scalar_action_of_wrong_shape(shape, scalar, refused):
-    refused(scalar, lambda: scalar.step(np.zeros(shape)), ActionError, r"expected \(1,\)")
+def test_scalar_action_of_wrong_shape(shape, scalar, assert_refused):
+    assert_refused(scalar, lambda: scalar.step(np.zeros(shape)), ActionError, r"expected \(1,\)")
 
 
 @pytest.mark.parametrize("shape", [(), (SIZE,), (SIZE, 2), (1, SIZE), (SIZE + 1, 1), (SIZE, 1, 1)])
-def test_vector_action_of_wrong_shape(shape, vector, refused):
-    refused(vector, lambda: vector.step(np.zeros(shape)), ActionError, r"expected \(3, 1\)")
+def test_vector_action_of_wrong_shape(shape, vector, assert_refused):
+    assert_refused(vector, lambda: vector.step(np.zeros(shape)), ActionError, r"expected \(3, 1\)")
 
 
 @pytest.mark.parametrize("word", ["left", None, {}, object()])
-def test_action_of_wrong_type(word, scalar, vector, refused):
-    refused(scalar, lambda: scalar.step([word]), ActionError, "numbers of shape|NaN")
-    refused(vector, lambda: vector.step([[word]] * SIZE), ActionError, r"numbers of shape \(3, 1\)|NaN")
+def test_action_of_wrong_type(word, scalar, vector, assert_refused):
+    assert_refused(scalar, lambda: scalar.step([word]), ActionError, "numbers of shape|NaN")
+    assert_refused(vector, lambda: vector.step([[word]] * SIZE), ActionError, r"numbers of shape \(3, 1\)|NaN")
 
 
-def test_action_array_of_wrong_type(vector, refused):
+def test_action_array_of_wrong_type(vector, assert_refused):
     words = np.full((SIZE, 1), "left")
-    refused(vector, lambda: vector.step(words), ActionError, r"numbers of shape \(3, 1\)")
+    assert_refused(vector, lambda: vector.step(words), ActionError, r"numbers of shape \(3, 1\)")
 
 
-def test_ragged_actions(scalar, vector, refused):
-    refused(vector, lambda: vector.step([[0.0], [0.0, 1.0], [0.0]]), ActionError, r"shape \(3, 1\)")
-    refused(scalar, lambda: scalar.step([[0.0], [0.0, 1.0]]), ActionError, r"\(1,\)")
+def test_ragged_actions(scalar, vector, assert_refused):
+    assert_refused(vector, lambda: vector.step([[0.0], [0.0, 1.0], [0.0]]), ActionError, r"shape \(3, 1\)")
+    assert_refused(scalar, lambda: scalar.step([[0.0], [0.0, 1.0]]), ActionError, r"\(1,\)")
 
 
-def test_complex_actions(scalar, vector, refused):
-    refused(vector, lambda: vector.step(np.full((SIZE, 1), 0.5j)), ActionError, r"shape \(3, 1\)")
-    refused(scalar, lambda: scalar.step([0.5j]), ActionError, "numbers of shape")
+def test_complex_actions(scalar, vector, assert_refused):
+    assert_refused(vector, lambda: vector.step(np.full((SIZE, 1), 0.5j)), ActionError, r"shape \(3, 1\)")
+    assert_refused(scalar, lambda: scalar.step([0.5j]), ActionError, "numbers of shape")
 
 
 @pytest.mark.parametrize("value", [0, 0.5, np.float16(0.5), np.int64(-1), 1e30, -1e300])
@@ -133,7 +133,7 @@ def test_step_before_all_have_been_reset(vector_env):
     assert np.isfinite(env.step(np.zeros((SIZE, 1)))[1]).all()
 
 
-def test_step_after_the_end_of_a_scalar(short, refused):
+def test_step_after_the_end_of_a_scalar(short, assert_refused):
     env = LocalisationEnv(overrides=short("BearingsOnly"), diagnostics=True)
     env.reset(seed=1)
     for _ in range(4):
@@ -141,31 +141,31 @@ def test_step_after_the_end_of_a_scalar(short, refused):
         if terminated or truncated:
             break
     assert terminated or truncated
-    refused(env, lambda: env.step(np.zeros(1)), NotResetError, r"^no episode is running: call reset\(\) first$")
+    assert_refused(env, lambda: env.step(np.zeros(1)), NotResetError, r"^no episode is running: call reset\(\) first$")
 
 
-def test_step_after_the_end_when_disabled(finished, refused):
+def test_step_after_the_end_when_disabled(finished, assert_refused):
     env, ended = finished
     names = str(np.flatnonzero(ended).tolist()).replace("[", r"\[").replace("]", r"\]")
-    refused(
+    assert_refused(
         env, lambda: env.step(np.zeros((SIZE, 1))), NotResetError, f"environments {names} have finished: .*reset_mask"
     )
 
 
 @pytest.mark.parametrize("seed", [[], [1], [1, 2], [1, 2, 3, 4]])
-def test_seeds_of_wrong_length(seed, vector, refused):
+def test_seeds_of_wrong_length(seed, vector, assert_refused):
     message = f"seed has length {len(seed)}, expected one for each of {SIZE} environments"
-    refused(vector, lambda: vector.reset(seed=seed), ValueError, message)
+    assert_refused(vector, lambda: vector.reset(seed=seed), ValueError, message)
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "abc", [1, -1, 2], [1, "x", 2], [1, 2.5, 3]])
-def test_impossible_seeds_of_a_vector(seed, vector, refused):
-    refused(vector, lambda: vector.reset(seed=seed), (ValueError, gymnasium.error.Error), "(?i)^seed")
+def test_impossible_seeds_of_a_vector(seed, vector, assert_refused):
+    assert_refused(vector, lambda: vector.reset(seed=seed), (ValueError, gymnasium.error.Error), "(?i)^seed")
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "abc", [1]])
-def test_impossible_seeds_of_a_scalar(seed, scalar, refused):
-    refused(scalar, lambda: scalar.reset(seed=seed), (ValueError, gymnasium.error.Error), "(?i)^seed")
+def test_impossible_seeds_of_a_scalar(seed, scalar, assert_refused):
+    assert_refused(scalar, lambda: scalar.reset(seed=seed), (ValueError, gymnasium.error.Error), "(?i)^seed")
 
 
 @pytest.mark.parametrize(
@@ -192,9 +192,9 @@ def test_bad_reset_mask(mask, finished, assert_same):
     assert_same(env.get_state(), before)
 
 
-def test_bad_reset_mask_of_a_scalar(scalar, refused):
+def test_bad_reset_mask_of_a_scalar(scalar, assert_refused):
     options = {"reset_mask": np.zeros(2, bool)}
-    refused(scalar, lambda: scalar.reset(seed=7, options=options), ValueError, "^reset_mask must be ")
+    assert_refused(scalar, lambda: scalar.reset(seed=7, options=options), ValueError, "^reset_mask must be ")
 
 
 def test_good_reset_mask_is_left_alone(finished, assert_same):
@@ -209,15 +209,15 @@ def test_good_reset_mask_is_left_alone(finished, assert_same):
     assert_same(info["_violated"], ended)
 
 
-def test_unknown_option(scalar, vector, refused):
+def test_unknown_option(scalar, vector, assert_refused):
     message = "no such reset option; did you mean 'reset_mask'"
-    refused(vector, lambda: vector.reset(options={"reset_masks": None}), ScenarioError, message)
-    refused(vector, lambda: vector.reset(seed=7, options={"reset_masks": None}), ScenarioError, message)
-    refused(scalar, lambda: scalar.reset(options={"start": 1}), ScenarioError, "no such reset option; known: ")
+    assert_refused(vector, lambda: vector.reset(options={"reset_masks": None}), ScenarioError, message)
+    assert_refused(vector, lambda: vector.reset(seed=7, options={"reset_masks": None}), ScenarioError, message)
+    assert_refused(scalar, lambda: scalar.reset(options={"start": 1}), ScenarioError, "no such reset option; known: ")
 
 
-def test_unknown_option_does_not_seed_a_scalar(scalar, refused):
-    refused(scalar, lambda: scalar.reset(seed=7, options={"start": 1}), ScenarioError, "no such reset option")
+def test_unknown_option_does_not_seed_a_scalar(scalar, assert_refused):
+    assert_refused(scalar, lambda: scalar.reset(seed=7, options={"start": 1}), ScenarioError, "no such reset option")
 
 
 @pytest.mark.parametrize("mode", ["SameStepp", "next_step", None, 3])
