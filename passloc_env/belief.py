@@ -12,6 +12,7 @@ from passloc_env.fields import quantity
 from passloc_env.layout import StateLayout
 from passloc_env.linalg import diagonal, inner, matvec
 from passloc_env.platforms import Platform, Pose
+from passloc_env.sightline import distance
 
 OBSERVATION_LIMIT = 10.0
 """Features are clipped to ± this."""
@@ -57,8 +58,7 @@ class Belief:
     @property
     def range(self) -> Array:
         """Believed range ``(N,)``, m."""
-        offset = self.offset
-        return np.maximum(np.sqrt(inner(offset, offset)), 1e-3)
+        return distance(self.offset)
 
     @property
     def line_of_sight(self) -> Array:
@@ -122,15 +122,15 @@ class BeliefFeatures(Component):
         layout = belief.layout
         axes = line_of_sight_axes(belief.line_of_sight)
         own = belief.poses[belief.own_ship]
-        distance = belief.range
+        believed_range = belief.range
         others = [
-            matvec(axes, pose.position - own.position) / distance
+            matvec(axes, pose.position - own.position) / believed_range
             for index, pose in enumerate(belief.poses)
             if index != belief.own_ship
         ]
-        sigma, correlation = self._spread(belief, axes, distance)
+        sigma, correlation = self._spread(belief, axes, believed_range)
         parts = [
-            np.log(distance / self.range_scale)[None],
+            np.log(believed_range / self.range_scale)[None],
             matvec(axes, own.velocity) / self.speed_scale,
             matvec(axes, belief.mean[layout.velocity]) / self.speed_scale,
             *others,
@@ -145,7 +145,7 @@ class BeliefFeatures(Component):
         features[np.isnan(features)] = 0.0
         return features
 
-    def _spread(self, belief: Belief, axes: Array, distance: Array) -> tuple[Array, Array]:
+    def _spread(self, belief: Belief, axes: Array, believed_range: Array) -> tuple[Array, Array]:
         """Log standard deviations ``(n, N)`` and correlations ``(n (n − 1) / 2, N)`` in the line-of-sight frame."""
         layout = belief.layout
         covariance = _rotated(belief.covariance, axes, layout)
@@ -153,7 +153,7 @@ class BeliefFeatures(Component):
         relative = covariance / (sigma[:, None] * sigma)
         correlation = np.concatenate([relative[row, :row] for row in range(1, layout.size)])
         scaled = sigma.copy()
-        scaled[layout.position] /= distance
+        scaled[layout.position] /= believed_range
         scaled[layout.velocity] /= self.speed_scale
         scaled[layout.acceleration] /= self.acceleration_scale
         scaled[layout.nuisances] /= self.nuisance_scale

@@ -22,7 +22,7 @@ class Dynamics:
         dense: matrices differ between environments in ways their zeros do not show.
 
     Raises:
-        TypeError: from :meth:`covariance` when the motion is not linear.
+        TypeError: from :attr:`transition` and :meth:`spread` when the motion is not linear.
     """
 
     def __init__(

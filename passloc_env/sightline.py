@@ -15,6 +15,11 @@ _CLOSEST = 1e-3
 """Ranges are never taken below this many metres: directions and rates stay finite on top of the emitter."""
 
 
+def distance(offset: Array) -> Array:
+    """Length ``(…, N)`` of offsets ``(d, …, N)``, m, at least a millimetre."""
+    return np.maximum(np.sqrt(inner(offset, offset)), _CLOSEST)
+
+
 class Sightline:
     """The line from a pose to emitter states ``(n, …, N)``; every quantity keeps the middle axes."""
 
@@ -35,7 +40,7 @@ class Sightline:
     @lazy
     def range(self) -> Array:
         """Distance ``(…, N)``, m, at least a millimetre."""
-        return np.maximum(np.sqrt(inner(self.offset, self.offset)), _CLOSEST)
+        return distance(self.offset)
 
     @lazy
     def direction(self) -> Array:

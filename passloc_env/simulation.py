@@ -14,15 +14,14 @@ import numpy as np
 from passloc_env.arrays import Array, BoolArray, IntArray
 from passloc_env.belief import Belief
 from passloc_env.information import Information
-from passloc_env.linalg import inner
 from passloc_env.models import ScenarioModels
 from passloc_env.noise import EpisodeNoise, NoiseSizes
-from passloc_env.platforms import Pose
+from passloc_env.platforms import Platform, Pose
 from passloc_env.randomisation import Randomisation, take
 from passloc_env.rewards import Outcome
 from passloc_env.scenario import Scenario
 from passloc_env.sensor_suite import may_miss
-from passloc_env.sightline import Scene
+from passloc_env.sightline import Scene, distance
 from passloc_env.tracking.initialisation import FirstLook, Prior
 
 
@@ -133,7 +132,7 @@ class Simulation:
             first += platform.controls
             if platform.controls:
                 offset = emitter - pose.position
-                towards = offset / np.maximum(np.sqrt(inner(offset, offset)), 1e-3)
+                towards = offset / distance(offset)
                 self._set_points[index][...] = platform.set_point(self.platform_states[index], part, towards)
         self.reward[...] = 0.0
         self.violated[...] = False
@@ -220,12 +219,11 @@ class Simulation:
 
     def poses(self) -> list[Pose]:
         """The true pose of every platform."""
-        return [p.pose(state) for p, state in zip(self.realised.platforms, self.platform_states, strict=True)]
+        return _poses(self.realised.platforms, self.platform_states)
 
     def reported_poses(self, poses: list[Pose]) -> list[Pose]:
         """The pose that every platform reports, given the true ones."""
-        everything = zip(self.realised.platforms, self.platform_states, poses, strict=True)
-        return [platform.reported_pose(state, pose) for platform, state, pose in everything]
+        return _reported_poses(self.realised.platforms, self.platform_states, poses)
 
     def scene(self) -> Scene:
         """The true emitter seen from the true poses."""
@@ -260,9 +258,8 @@ class Simulation:
         prior: Prior = take(self.realised.prior, evaluated)
         truth = self._first_truth(evaluated)
         states = [platform.start(len(evaluated)) + 0.0 for platform in platforms]
-        poses = [platform.pose(state) for platform, state in zip(platforms, states, strict=True)]
-        everything = zip(platforms, states, poses, strict=True)
-        reported = [platform.reported_pose(state, pose) for platform, state, pose in everything]
+        poses = _poses(platforms, states)
+        reported = _reported_poses(platforms, states, poses)
         measurement, _ = self.measure(Scene(truth, self.models.truth.layout, poses), evaluated)
 
         look = self._first_look(truth, measurement, reported, self.noise.prior[:, evaluated])
@@ -364,3 +361,12 @@ class Simulation:
             live[..., columns] = arrays[name][..., columns]
         self._rebuild_models()
         self.outcome = self.look(self.scene())
+
+
+def _poses(platforms: Sequence[Platform], states: Sequence[Array]) -> list[Pose]:
+    return [platform.pose(state) for platform, state in zip(platforms, states, strict=True)]
+
+
+def _reported_poses(platforms: Sequence[Platform], states: Sequence[Array], poses: Sequence[Pose]) -> list[Pose]:
+    everything = zip(platforms, states, poses, strict=True)
+    return [platform.reported_pose(state, pose) for platform, state, pose in everything]

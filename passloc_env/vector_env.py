@@ -62,10 +62,8 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.num_envs, self.diagnostics = int(num_envs), diagnostics
         self.metadata = {**self.metadata, "autoreset_mode": _mode(autoreset_mode)}
         self.batch = Batch(self.scenario, self.num_envs)
-        self.single_observation_space, self.single_action_space = (
-            observation_space(self.scenario),
-            action_space(self.scenario),
-        )
+        self.single_observation_space = observation_space(self.scenario)
+        self.single_action_space = action_space(self.scenario)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._ended: BoolArray = np.zeros(self.num_envs, bool)

@@ -60,7 +60,7 @@ def _train(arguments: Train) -> None:
 
 def _evaluate(arguments: Evaluate) -> None:
     from agents import default_policies, find_policy
-    from training.demo import judge
+    from training.judging import judge
     from training.progress import console
     from training.table import rich_table
 

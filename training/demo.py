@@ -5,16 +5,17 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from agents import LearnedPolicy, Policy, default_policies, find_policy
+from agents import LearnedPolicy, default_policies, find_policy
 from passloc_env.errors import InputError
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
 from training.arguments import new_folder
 from training.commands import Demo
-from training.evaluate import Evaluation, evaluate
+from training.evaluate import Evaluation
 from training.hyperparameters import Hyperparameters
+from training.judging import judge
 from training.pictures import draw_learning_curve, draw_tracks
-from training.progress import console, progress_bar
+from training.progress import console
 from training.table import markdown_table, notes, rich_table, title
 from training.train import Run, run
 
@@ -46,18 +47,6 @@ def demo(arguments: Demo) -> Evaluation:
     for path in _save(folder, finished, evaluation, agent, scenario):
         console.print(f"    {path}")
     return evaluation
-
-
-def judge(scenario: Scenario, policies: list[Policy], episodes: int, seed: int | None = None) -> Evaluation:
-    """Evaluate with a progress bar."""
-    with progress_bar("episodes") as bar:
-        task = bar.add_task("judging", total=episodes * len(policies))
-
-        def advance(policy: str, done: int) -> None:
-            bar.update(task, advance=done, description=f"judging {policy}")
-
-        seeds = {} if seed is None else {"seed": seed}
-        return evaluate(scenario, policies, episodes, progress=advance, **seeds)
 
 
 def _save(folder: Path, finished: Run, evaluation: Evaluation, agent: LearnedPolicy, scenario: Scenario) -> list[Path]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from stable_baselines3.common.callbacks import BaseCallback
 
 console = Console()
 """Where tables and bars go; colour only on a terminal."""
@@ -23,27 +22,3 @@ def progress_bar(unit: str) -> Progress:
         disable=not console.is_terminal,
         transient=True,
     )
-
-
-class ProgressCallback(BaseCallback):
-    """Shows decisions done and the recent mean return."""
-
-    def __init__(self, name: str, decisions: int) -> None:
-        super().__init__()
-        self._name, self._decisions = name, decisions
-        self._bar = progress_bar("decisions")
-
-    def _on_training_start(self) -> None:
-        self._task = self._bar.add_task(f"training on {self._name}", total=self._decisions)
-        self._bar.start()
-
-    def _on_step(self) -> bool:
-        return True
-
-    def _on_rollout_end(self) -> None:
-        recent = [float(episode["r"]) for episode in self.model.ep_info_buffer or ()]
-        words = f"training on {self._name}" + (f", return {sum(recent) / len(recent):.1f}" if recent else "")
-        self._bar.update(self._task, completed=min(self.num_timesteps, self._decisions), description=words)
-
-    def _on_training_end(self) -> None:
-        self._bar.stop()

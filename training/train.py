@@ -26,7 +26,7 @@ from training.arguments import new_folder, parse_overrides, read_scenario
 from training.commands import Train
 from training.curve import CurveCallback
 from training.hyperparameters import Hyperparameters
-from training.progress import ProgressCallback
+from training.progress_callback import ProgressCallback
 from training.provenance import provenance
 
 

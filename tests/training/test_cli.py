@@ -192,7 +192,7 @@ def test_an_interrupt_is_no_crash(passloc, monkeypatch):
     def interrupt(*arguments, **named):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("training.demo.evaluate", interrupt)
+    monkeypatch.setattr("training.judging.evaluate", interrupt)
     assert passloc("evaluate", "--episodes", "2", "--policies", "circle") == (130, "", "passloc: interrupted\n")
 
 
@@ -202,7 +202,7 @@ def test_bugs_are_not_hidden(monkeypatch):
     def broken(*arguments, **named):
         raise ZeroDivisionError("bug")
 
-    monkeypatch.setattr("training.demo.evaluate", broken)
+    monkeypatch.setattr("training.judging.evaluate", broken)
     with pytest.raises(ZeroDivisionError):
         cli.main(["evaluate", "--episodes", "2", "--policies", "circle"])
 
