@@ -7,15 +7,16 @@ nor another kind of noise being switched on, nor the length of earlier episodes 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from passloc_env.arrays import Array, IntArray
 
-_KINDS = 6
-_QUANTITIES, _PRIOR, _NUISANCES, _MEASUREMENT, _PROCESS, _DETECTION = range(_KINDS)
+_KINDS = 8
+_QUANTITIES, _PRIOR, _NUISANCES, _MEASUREMENT, _PROCESS, _DETECTION, _NAVIGATION, _UNIFORM = range(_KINDS)
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,8 @@ class NoiseSizes:
         measurement: scalars per measurement.
         process: process noises per step.
         detection: sensors that may miss; 0 when none does.
+        navigation: errors that each platform needs, for a whole episode and at each instant.
+        uniform: which scalars of a measurement have uniform errors.
     """
 
     uniforms: int
@@ -39,6 +42,17 @@ class NoiseSizes:
     measurement: int
     process: int
     detection: int
+    navigation: tuple[tuple[int, int], ...] = ()
+    uniform: tuple[int, ...] = ()
+
+
+class NavigationErrors(NamedTuple):
+    """Standard normals that a platform turns into the errors of what it believes about itself."""
+
+    constant: Array
+    """The same throughout an episode, ``(c, N)``."""
+    fresh: Array
+    """Anew at each instant, ``(f, N)``."""
 
 
 class EpisodeNoise:
@@ -52,6 +66,11 @@ class EpisodeNoise:
         self._measurement: Array = np.zeros((environments, sizes.steps + 1, sizes.measurement))
         self._process: Array = np.zeros((environments, sizes.steps, sizes.process))
         self._detection: Array = np.zeros((environments, sizes.steps + 1, sizes.detection))
+        constant = sum(kept for kept, _ in sizes.navigation)
+        fresh = sum(renewed for _, renewed in sizes.navigation)
+        self._constant_errors: Array = np.zeros((constant, environments))
+        self._fresh_errors: Array = np.zeros((environments, sizes.steps + 1, fresh))
+        self._uniform = list(sizes.uniform)
         self._rows = np.arange(environments)
         self._bits = np.random.PCG64(0)
         self._generator = np.random.Generator(self._bits)
@@ -65,10 +84,18 @@ class EpisodeNoise:
         if self._sizes.nuisances:
             self.nuisances[:, column] = self._stream(keys[_NUISANCES]).standard_normal(self._sizes.nuisances)
         self._stream(keys[_MEASUREMENT]).standard_normal(out=self._measurement[column])
+        if self._uniform:
+            uniforms = self._stream(keys[_UNIFORM]).random((self._sizes.steps + 1, len(self._uniform)))
+            self._measurement[column][:, self._uniform] = math.sqrt(12.0) * (uniforms - 0.5)
         if self._sizes.process:
             self._stream(keys[_PROCESS]).standard_normal(out=self._process[column])
         if self._sizes.detection:
             self._stream(keys[_DETECTION]).random(out=self._detection[column])
+
+        if len(self._constant_errors) or self._fresh_errors.shape[-1]:
+            stream = self._stream(keys[_NAVIGATION])
+            self._constant_errors[:, column] = stream.standard_normal(len(self._constant_errors))
+            stream.standard_normal(out=self._fresh_errors[column])
 
     def _stream(self, key: list[int]) -> np.random.Generator:
         """The stream of a key of four words: one generator, set anew, for building one costs more than its draws."""
@@ -78,7 +105,7 @@ class EpisodeNoise:
         return self._generator
 
     def measurement(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
-        """Standard normals ``(m, k)`` of the measurement at step ``(N,)``, in some environments."""
+        """Errors ``(m, k)`` of the measurement at step ``(N,)``, in some environments; uncorrelated, unit variance."""
         return self._measurement[self._rows[columns], step[columns]].T
 
     def process(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
@@ -89,6 +116,16 @@ class EpisodeNoise:
         """Standard uniforms ``(s, N)`` that decide what is detected at step ``(N,)``."""
         return self._detection[self._rows[columns], step[columns]].T
 
+    def navigation(self, step: IntArray, columns: IntArray | slice = slice(None)) -> list[NavigationErrors]:
+        """The navigation errors of each platform at step ``(N,)``, in some environments."""
+        constant = self._constant_errors[:, columns]
+        fresh = self._fresh_errors[self._rows[columns], step[columns]].T if self._fresh_errors.shape[-1] else constant
+        errors, first, last = [], 0, 0
+        for kept, renewed in self._sizes.navigation:
+            errors.append(NavigationErrors(constant[first : first + kept], fresh[last : last + renewed]))
+            first, last = first + kept, last + renewed
+        return errors
+
     def state_arrays(self) -> dict[str, np.ndarray]:
         """All numbers, by kind, batch axis last."""
         return {
@@ -98,4 +135,6 @@ class EpisodeNoise:
             "measurement": np.moveaxis(self._measurement, 0, -1),
             "process": np.moveaxis(self._process, 0, -1),
             "detection": np.moveaxis(self._detection, 0, -1),
+            "constant_errors": self._constant_errors,
+            "fresh_errors": np.moveaxis(self._fresh_errors, 0, -1),
         }

@@ -162,6 +162,10 @@ class Scenario(Component):
             if len(sensor.lever_arm) not in (0, self.dimension):
                 allowed = f"must be empty or have {self.dimension} axes"
                 raise ScenarioError(f"sensors.{index}.lever_arm", sensor.lever_arm, allowed)
+            try:
+                sensor.check(self.dimension)
+            except ScenarioError as error:
+                raise error.inside(f"sensors.{index}") from None
         try:
             self.prior.check(self.sensors, self.dimension)
         except ScenarioError as error:

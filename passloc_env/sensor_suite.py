@@ -57,9 +57,9 @@ class SensorSuite:
             stacked[rows] = sensor.jacobian(scene)
         return stacked
 
-    def noise(self, normals: Array) -> Array:
-        """Measurement noise ``(m, N)`` from standard normals ``(m, N)``."""
-        return self._disturb(normals)
+    def noise(self, errors: Array) -> Array:
+        """Measurement noise ``(m, N)`` from uncorrelated errors of unit variance ``(m, N)``."""
+        return self._disturb(errors)
 
     def difference(self, left: Array, right: Array) -> Array:
         """``left − right`` for measurements ``(m, …, N)``, angles around the circle; a new array."""
@@ -72,12 +72,31 @@ class SensorSuite:
         for angles in self._angles:
             wrap_in_place(measurements[angles])
 
-    def detected(self, uniforms: Array) -> BoolArray:
-        """Which scalars ``(m, N)`` are measured, from one uniform draw per sensor ``(s, N)``."""
-        mask = np.empty((self.size, uniforms.shape[-1]), bool)
+    def detected(self, scene: Scene, uniforms: Array | None) -> BoolArray | None:
+        """Which scalars ``(m, N)`` are measured of true emitters ``(n, N)``; None when all are.
+
+        Args:
+            scene: what hides an emitter from a platform hides it from its sensors.
+            uniforms: one draw per sensor ``(s, N)``, for sensors that may miss.
+        """
+        hidden = [pose.hidden(scene.state[scene.layout.position]) for pose in scene.poses]
+        if uniforms is None and all(mask is None for mask in hidden):
+            return None
+        heard = np.ones((self.size, scene.state.shape[-1]), bool)
         for index, (sensor, rows) in enumerate(zip(self.sensors, self.rows, strict=True)):
-            mask[rows] = uniforms[index] < sensor.detection_probability
-        return mask
+            if uniforms is not None:
+                heard[rows] &= uniforms[index] < sensor.detection_probability
+            for platform in sensor.platforms:
+                mask = hidden[platform]
+                if mask is not None:
+                    heard[rows] &= ~mask
+        return heard
+
+    @property
+    def uniform(self) -> tuple[int, ...]:
+        """The scalars whose errors are uniform."""
+        laws = [sensor.noise_law for sensor in self.sensors for _ in range(sensor.size)]
+        return tuple(index for index, law in enumerate(laws) if law == "uniform")
 
 
 def may_miss(sensors: tuple[Sensor, ...]) -> bool:

@@ -38,6 +38,14 @@ class Sightline:
         return self._state[self._layout.velocity] - self.pose.velocity[self._middle]
 
     @lazy
+    def acceleration(self) -> Array:
+        """Emitter acceleration (where it is a state) minus own acceleration, ``(d, …, N)``, m/s²."""
+        own = self.pose.acceleration[self._middle]
+        if self._layout.order > 1:
+            return self._state[self._layout.acceleration] - own
+        return np.broadcast_to(-own, self.offset.shape)
+
+    @lazy
     def range(self) -> Array:
         """Distance ``(…, N)``, m, at least a millimetre."""
         return distance(self.offset)
@@ -56,6 +64,12 @@ class Sightline:
     def range_rate(self) -> Array:
         """Rate of change of the range ``(…, N)``, m/s."""
         return inner(self.offset, self.velocity) / self.range
+
+    @lazy
+    def range_acceleration(self) -> Array:
+        """Second derivative of the range ``(…, N)``, m/s²: ``(v² − ṙ²)/r + u·a``."""
+        turning = (inner(self.velocity, self.velocity) - self.range_rate * self.range_rate) / self.range
+        return turning + inner(self.direction, self.acceleration)
 
 
 class Scene:

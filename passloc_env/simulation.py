@@ -104,8 +104,8 @@ class Simulation:
         measurement = suite.measure(scene)
         measurement += suite.noise(self.noise.measurement(step, columns))
         suite.wrap(measurement)
-        detected = suite.detected(self.noise.detection(step, columns)) if suite.may_miss else None
-        return measurement, detected
+        uniforms = self.noise.detection(step, columns) if suite.may_miss else None
+        return measurement, suite.detected(scene, uniforms)
 
     def _move_emitter(self, time: Array) -> None:
         """Where the emitter goes in one period, process noise included."""
@@ -223,7 +223,22 @@ class Simulation:
 
     def reported_poses(self, poses: list[Pose]) -> list[Pose]:
         """The pose that every platform reports, given the true ones."""
-        return _reported_poses(self.realised.platforms, self.platform_states, poses)
+        return self._reported(self.realised.platforms, self.platform_states, poses)
+
+    def _reported(
+        self,
+        platforms: Sequence[Platform],
+        states: Sequence[Array],
+        poses: Sequence[Pose],
+        columns: IntArray | slice = slice(None),
+    ) -> list[Pose]:
+        """The poses reported in some environments, by platforms as they stand there."""
+        step = np.minimum(self.step_count, self.scenario.episode.steps)
+        errors = self.noise.navigation(step, columns)
+        return [
+            platform.reported_pose(state, pose, error)
+            for platform, state, pose, error in zip(platforms, states, poses, errors, strict=True)
+        ]
 
     def scene(self) -> Scene:
         """The true emitter seen from the true poses."""
@@ -259,7 +274,7 @@ class Simulation:
         truth = self._first_truth(evaluated)
         states = [platform.start(len(evaluated)) + 0.0 for platform in platforms]
         poses = _poses(platforms, states)
-        reported = _reported_poses(platforms, states, poses)
+        reported = self._reported(platforms, states, poses, evaluated)
         measurement, _ = self.measure(Scene(truth, self.models.truth.layout, poses), evaluated)
 
         look = self._first_look(truth, measurement, reported, self.noise.prior[:, evaluated])
@@ -305,9 +320,10 @@ class Simulation:
             truth=layout.convert(truth, self.models.truth.layout),
             measurement=measurement,
             suite=self.models.suite,
-            pose=reported[self.realised.prior.carrier_platform(self.scenario.sensors)],
+            poses=reported,
             normals=normals,
             nuisances=self.models.tracker_nuisances,
+            carrier=self.realised.prior.carrier_platform(self.scenario.sensors),
         )
 
     def _build_models(self) -> ScenarioModels:
@@ -328,6 +344,8 @@ class Simulation:
             measurement=self.models.suite.size,
             process=self.models.truth.dynamics.noise_size,
             detection=len(self.scenario.sensors) if may_miss(self.scenario.sensors) else 0,
+            navigation=tuple((platform.constant_errors, platform.fresh_errors) for platform in self.scenario.platforms),
+            uniform=self.models.suite.uniform,
         )
 
     def state_arrays(self) -> dict[str, np.ndarray]:
@@ -365,8 +383,3 @@ class Simulation:
 
 def _poses(platforms: Sequence[Platform], states: Sequence[Array]) -> list[Pose]:
     return [platform.pose(state) for platform, state in zip(platforms, states, strict=True)]
-
-
-def _reported_poses(platforms: Sequence[Platform], states: Sequence[Array], poses: Sequence[Pose]) -> list[Pose]:
-    everything = zip(platforms, states, poses, strict=True)
-    return [platform.reported_pose(state, pose) for platform, state, pose in everything]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from passloc_env.arrays import Array, Number
 from passloc_env.component import Component
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import abstract, part, quantity, vector
+from passloc_env.frames import from_geodetic, local_axes
 from passloc_env.motion import ConstantVelocity, Motion
 from passloc_env.platforms import stack
 
@@ -63,6 +65,27 @@ class CartesianStart(Start):
     def sample(self, environments: int) -> Array:
         """Position and velocity ``(2d, N)``."""
         return stack(self.position + self.velocity, environments)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeodeticStart(Start):
+    """A place above the WGS-84 ellipsoid and a level course over ground, in the Earth-centred frame (ECEF)."""
+
+    dimension = 3
+
+    latitude: Number = quantity("geodetic latitude", unit="rad", at_least=-math.pi / 2, at_most=math.pi / 2)
+    longitude: Number = quantity("longitude", unit="rad")
+    height: Number = quantity("height above the ellipsoid", 0.0, unit="m", at_least=-1e3)
+    speed: Number = quantity("speed over ground", 0.0, unit="m/s", at_least=0)
+    course: Number = quantity("course over ground, clockwise from north", 0.0, unit="rad")
+
+    def sample(self, environments: int) -> Array:
+        """Position and velocity in ECEF ``(6, N)``."""
+        values = (self.latitude, self.longitude, self.height, self.speed, self.course)
+        latitude, longitude, height, speed, course = stack(values, environments)
+        east, north, _ = local_axes(latitude, longitude)
+        velocity = speed * (np.sin(course) * east + np.cos(course) * north)
+        return np.concatenate([from_geodetic(latitude, longitude, height), velocity])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,8 +1,25 @@
 """Trackers: what turns measurements into a belief, batched over environments."""
 
+from passloc_env.tracking.crossing import CrossingKalman
+from passloc_env.tracking.ekf import ExtendedKalman
 from passloc_env.tracking.filterpy_tracker import FilterPyTracker
+from passloc_env.tracking.height_prior import HeightPrior
 from passloc_env.tracking.initialisation import CoursePrior, Prior, RangePrior, StatePrior
+from passloc_env.tracking.scattered_prior import ScatteredPrior
 from passloc_env.tracking.tracker import Track, Tracker
 from passloc_env.tracking.ukf import UnscentedKalman
 
-__all__ = ["CoursePrior", "FilterPyTracker", "Prior", "RangePrior", "StatePrior", "Track", "Tracker", "UnscentedKalman"]
+__all__ = [
+    "CoursePrior",
+    "CrossingKalman",
+    "ExtendedKalman",
+    "FilterPyTracker",
+    "HeightPrior",
+    "Prior",
+    "RangePrior",
+    "ScatteredPrior",
+    "StatePrior",
+    "Track",
+    "Tracker",
+    "UnscentedKalman",
+]

@@ -31,18 +31,25 @@ class FirstLook:
         truth: the true state in that layout ``(n, N)``.
         measurement: the first measurement ``(m, N)``.
         suite: the sensors that made it.
-        pose: reported pose of the platform that carries the sensor.
+        poses: reported pose of every platform.
         normals: standard normals ``(p, N)`` for what is scattered around the truth.
         nuisances: the nuisance states of the layout.
+        carrier: the platform that the prior starts from.
     """
 
     layout: StateLayout
     truth: Array
     measurement: Array
     suite: SensorSuite
-    pose: Pose
+    poses: list[Pose]
     normals: Array
     nuisances: tuple[Nuisance, ...]
+    carrier: int = 0
+
+    @property
+    def pose(self) -> Pose:
+        """Reported pose of the platform that the prior starts from."""
+        return self.poses[self.carrier]
 
 
 @abstract
@@ -111,7 +118,7 @@ def polar_covariance(bearing: Array, along: Number, across: Number) -> Array:
     return covariance
 
 
-def _empty(look: FirstLook, acceleration_sigma: Number, environments: int) -> tuple[Array, Array]:
+def blank(look: FirstLook, acceleration_sigma: Number, environments: int) -> tuple[Array, Array]:
     """Zero mean, and a covariance with only accelerations and nuisances filled in."""
     layout = look.layout
     mean, covariance = (
@@ -153,7 +160,7 @@ class RangePrior(BearingPrior):
         return self._spread(look, bearing, distance * sigma)[1]
 
     def _spread(self, look: FirstLook, bearing: Array, across: Array) -> tuple[Array, Array]:
-        mean, covariance = _empty(look, self.acceleration_sigma, len(bearing))
+        mean, covariance = blank(look, self.acceleration_sigma, len(bearing))
         layout = look.layout
         covariance[layout.position, layout.position] = polar_covariance(bearing, self.range_sigma, across)
         for row in range(layout.velocity.start, layout.velocity.stop):
@@ -199,7 +206,7 @@ class CoursePrior(BearingPrior):
         return self._spread(look, bearing, distance * sigma, _speed(look))[1]
 
     def _spread(self, look: FirstLook, bearing: Array, across: Array, speed: Array) -> tuple[Array, Array]:
-        mean, covariance = _empty(look, self.acceleration_sigma, len(bearing))
+        mean, covariance = blank(look, self.acceleration_sigma, len(bearing))
         layout = look.layout
         covariance[layout.position, layout.position] = polar_covariance(bearing, self.range_sigma, across)
         turning = polar_covariance(bearing, self.speed_sigma, speed * self.course_sigma)
@@ -236,7 +243,7 @@ class StatePrior(Prior):
     def at_truth(self, look: FirstLook) -> Array:
         """The same everywhere."""
         layout = look.layout
-        _, covariance = _empty(look, self.acceleration_sigma, look.truth.shape[-1])
+        _, covariance = blank(look, self.acceleration_sigma, look.truth.shape[-1])
         for block, sigma in ((layout.position, self.position_sigma), (layout.velocity, self.velocity_sigma)):
             for row in range(block.start, block.stop):
                 covariance[row, row] = np.square(sigma)

@@ -21,19 +21,11 @@ import numpy as np
 from passloc_env.arrays import Array, BoolArray
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import part, quantity
-from passloc_env.linalg import (
-    cholesky,
-    cholesky_above,
-    nearest_positive_definite,
-    row_gram,
-    solve_lower,
-    transpose,
-    tree_sum,
-    unsound,
-)
+from passloc_env.linalg import cholesky, transpose, tree_sum
 from passloc_env.motion import ConstantVelocity, Motion
 from passloc_env.platforms import Pose
 from passloc_env.sightline import Scene
+from passloc_env.tracking.correction import correct, repair
 from passloc_env.tracking.tracker import Models, Track, Tracker
 
 
@@ -101,21 +93,13 @@ class UnscentedTrack(Track):
         slopes = deviations[:n] - deviations[n:]
         np.multiply(tree_sum(slopes[:, :, None] * transpose(offsets)[:, None]), self._weight, out=cross)
         np.subtract(predicted[:, 0], shift, out=innovation)
-        if detected is not None:
-            _ignore_missing(innovation, cross, innovation_covariance, detected)
-
-        lower = cholesky_above(innovation_covariance, suite.noise_pivots)
-        whitened = solve_lower(lower, right)
-        gain, residual = whitened[:, :n], whitened[:, n]
-        self.mean += tree_sum(gain * residual[:, None])
-        self.covariance -= row_gram(transpose(gain))
-        self.nis[...] = tree_sum(residual * residual)
+        correct(self, right, innovation_covariance, suite.noise_pivots, detected)
 
     def _offsets(self) -> Array:
         """Columns ``√(n+λ) L (n, n, N)``; repairs covariances that rounding has spoilt."""
         lower, sound = cholesky(self.covariance, self._spread)
         if not sound:
-            self._repair()
+            repair(self)
             lower, _ = cholesky(self.covariance, self._spread)
         return lower
 
@@ -136,20 +120,3 @@ class UnscentedTrack(Track):
         if self._mean_correction:
             moment += self._mean_correction * (shift[:, None] * shift[None])
         return moment
-
-    def _repair(self) -> None:
-        # What is not finite stays so: the innovation will show it, and the simulation begins that track anew.
-        finite = np.isfinite(self.covariance).all(axis=(0, 1))
-        broken = unsound(self.covariance) & finite
-        self.covariance[..., broken] = nearest_positive_definite(self.covariance[..., broken])
-        self.repairs[broken] += 1
-
-
-def _ignore_missing(innovation: Array, cross: Array, covariance: Array, detected: BoolArray) -> None:
-    """Make undetected scalars carry no information: no innovation, no gain, unit variance of their own."""
-    missing = ~detected
-    innovation[missing] = 0.0
-    cross[np.broadcast_to(missing[:, None], cross.shape)] = 0.0
-    covariance[missing[:, None] | missing[None]] = 0.0
-    for row in range(len(covariance)):
-        covariance[row, row, missing[row]] = 1.0

@@ -21,11 +21,13 @@ from passloc_env.motion import ConstantVelocity
 from passloc_env.nuisance import Nuisance
 from passloc_env.platforms import FixedStation, Platform, Pose, stack
 from passloc_env.scenario import Bound, Episode
-from passloc_env.sensors import SPEED_OF_LIGHT, Sensor, scalar_covariance
+from passloc_env.sensors import Sensor
+from passloc_env.sensors.sensor import scalar_covariance
 from passloc_env.sightline import Scene
 from passloc_env.simulation import Simulation
 from passloc_env.target import CartesianStart, Target
 from passloc_env.tracking import StatePrior, UnscentedKalman
+from passloc_env.units import SPEED_OF_LIGHT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +61,7 @@ class YawingSatellite(Platform):
     def pose(self, state):
         return self._posed(state[:3], state[3:6], state[6], state[7])
 
-    def reported_pose(self, state, pose):
+    def reported_pose(self, state, pose, errors):
         position = pose.position + self.navigation_error
         return self._posed(position, pose.velocity, state[6] + self.attitude_error, state[7])
 

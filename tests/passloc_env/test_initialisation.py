@@ -50,7 +50,7 @@ def first_look(prior: Prior, environments: int = 1, order: int = 1, seed: int | 
         truth=truth,
         measurement=np.stack([np.full(environments, 99.0), bearing]),
         suite=SensorSuite(SENSORS),
-        pose=Pose(*(OWN * np.ones(environments) for _ in range(3))),
+        poses=[Pose(*(OWN * np.ones(environments) for _ in range(3)))],
         normals=normals,
         nuisances=(Nuisance("carrier_offset", 5.0),),
     )
@@ -198,7 +198,7 @@ def test_bits_do_not_depend_on_the_batch(prior: Any, assert_batch_free: Callable
 
     def begin(truth: np.ndarray, measurement: np.ndarray, normals: np.ndarray, position: np.ndarray) -> np.ndarray:
         look = replace(
-            whole, truth=truth, measurement=measurement, normals=normals, pose=Pose(position, position, position)
+            whole, truth=truth, measurement=measurement, normals=normals, poses=[Pose(position, position, position)]
         )
         mean, covariance = prior.start(look)
         flat = [c.reshape(-1, c.shape[-1]) for c in (mean, covariance, prior.at_truth(look))]

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from passloc_env.angles import bearing_of, direction, wrap
 from passloc_env.errors import ScenarioError
+from passloc_env.noise import NavigationErrors
 from passloc_env.platforms import FixedStation, PlanarPose, Platform, Pose, TurnLimitedPlatform
 
 SPEED, RATE, PERIOD = 220.0, 0.05, 4.0
@@ -200,7 +201,7 @@ def test_fixed_stations_stay() -> None:
 def test_platforms_start_where_they_are_told_to() -> None:
     platform = TurnLimitedPlatform(position=(3.0, 4.0), heading=1.0, speed=2.0, max_turn_rate=1.0)
     pose = platform.pose(platform.start(2))
-    assert platform.reported_pose(platform.start(2), pose) is pose
+    assert platform.reported_pose(platform.start(2), pose, NavigationErrors(*np.zeros((2, 0, 2)))) is pose
     np.testing.assert_array_equal(pose.position, [[3.0] * 2, [4.0] * 2])
     np.testing.assert_allclose(pose.velocity, 2.0 * direction(np.ones(2)))
     np.testing.assert_array_equal(pose.acceleration, 0.0)

@@ -69,17 +69,22 @@ def test_noise_covariance_may_differ_between_environments() -> None:
     np.testing.assert_allclose(suite.noise(np.ones((2, 3))), [sigma, [10.0] * 3])
 
 
+def anywhere(size: int) -> Scene:
+    """Emitters before a station from which nothing hides."""
+    return Scene(np.ones((4, size)), StateLayout(), [Pose(*np.zeros((3, 2, size)))])
+
+
 def test_detected_masks_the_rows_of_each_sensor() -> None:
     suite = SensorSuite((Bearing(sigma=1.0, detection_probability=0.3), KNOWN))
     uniforms = np.array([[0.0, 0.29, 0.3, 0.99], [0.0, 0.5, 0.99, 0.999]])
-    np.testing.assert_array_equal(suite.detected(uniforms), [[True, True, False, False], [True] * 4])
+    np.testing.assert_array_equal(suite.detected(anywhere(4), uniforms), [[True, True, False, False], [True] * 4])
 
 
 def test_detection_probability_may_differ_between_environments() -> None:
     bearing = Bearing(sigma=1.0)
     object.__setattr__(bearing, "detection_probability", np.array([0.1, 0.9]))
     assert may_miss((bearing,))
-    np.testing.assert_array_equal(SensorSuite((bearing,)).detected(np.full((1, 2), 0.5)), [[False, True]])
+    np.testing.assert_array_equal(SensorSuite((bearing,)).detected(anywhere(2), np.full((1, 2), 0.5)), [[False, True]])
 
 
 @pytest.mark.parametrize(("chance", "may"), [(1.0, False), (0.999, True)])

@@ -13,8 +13,9 @@ import pytest
 from passloc_env.layout import StateLayout
 from passloc_env.platforms import FixedStation, PlanarPose, Pose
 from passloc_env.sensor_suite import SensorSuite, nuisances
-from passloc_env.sensors import SPEED_OF_LIGHT, Bearing, Doppler, Sensor
+from passloc_env.sensors import Bearing, Doppler, Sensor
 from passloc_env.sightline import Scene
+from passloc_env.units import SPEED_OF_LIGHT
 
 SENSORS: dict[str, Callable[..., Sensor]] = {
     "bearing": lambda sigma=3e-3, **mount: Bearing(sigma=sigma, **mount),

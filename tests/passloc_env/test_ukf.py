@@ -21,12 +21,13 @@ from passloc_env.platforms import Pose
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.sensor_suite import SensorSuite, nuisances
-from passloc_env.sensors import SPEED_OF_LIGHT, Bearing, Doppler, Sensor
+from passloc_env.sensors import Bearing, Doppler, Sensor
 from passloc_env.sightline import Scene
 from passloc_env.simulation import Simulation
 from passloc_env.tracking import UnscentedKalman
 from passloc_env.tracking.tracker import Models
 from passloc_env.tracking.ukf import UnscentedTrack
+from passloc_env.units import SPEED_OF_LIGHT
 
 BEARING = Bearing(sigma=3e-3)
 DOPPLER = Doppler(sigma=10.0, carrier=3e9)

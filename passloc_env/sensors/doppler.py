@@ -1,97 +1,15 @@
-"""What an observer can hear.
-
-A sensor says what it would measure in a :class:`~passloc_env.sightline.Scene`, how that changes with the state, how
-noisy it is, where it sits, how often it misses, and which nuisance states it brings along. Everything else (noise,
-stacking, wrapping, missing measurements, information) is the suite's business, so that a sensor is one class.
-"""
+"""Doppler shifts."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from passloc_env.arrays import Array, Number
-from passloc_env.component import Component
-from passloc_env.fields import abstract, count, quantity, vector
+from passloc_env.fields import count, quantity, vector
 from passloc_env.nuisance import Nuisance
+from passloc_env.sensors.sensor import Sensor, scalar_covariance
 from passloc_env.sightline import Scene
-
-SPEED_OF_LIGHT = 299_792_458.0
-
-
-@abstract
-class Sensor(Component):
-    """Base of sensors."""
-
-    platform: int
-    lever_arm: tuple[Number, ...]
-    detection_probability: Number
-
-    size: int = 1
-    """Number of scalars per measurement."""
-
-    angular: tuple[bool, ...] = (False,)
-    """Which of them are angles, to be compared around the circle."""
-
-    @property
-    def platforms(self) -> tuple[int, ...]:
-        """The platforms it needs; a time difference needs two."""
-        return (self.platform,)
-
-    @property
-    def nuisances(self) -> tuple[Nuisance, ...]:
-        """The nuisance states it needs."""
-        return ()
-
-    def measure(self, scene: Scene) -> Array:
-        """The noise-free measurement ``(m, …, N)``."""
-        raise AssertionError(f"{type(self).__name__} must define measure")
-
-    def jacobian(self, scene: Scene) -> Array:
-        """Its derivative with respect to the state ``(m, n, …, N)``."""
-        raise AssertionError(f"{type(self).__name__} must define jacobian")
-
-    def noise_covariance(self) -> Array:
-        """``R (m, m, 1|N)``."""
-        raise AssertionError(f"{type(self).__name__} must define noise_covariance")
-
-
-def scalar_covariance(sigma: Number) -> Array:
-    """``σ²`` as ``(1, 1, 1|N)``."""
-    variance: Array = np.square(np.atleast_1d(np.asarray(sigma, float)))
-    return variance[None, None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Bearing(Sensor):
-    """Compass bearing of the emitter, ``θ = atan2(x, y)``, rad."""
-
-    angular = (True,)
-
-    sigma: Number = quantity("standard deviation", unit="rad", above=0)
-    platform: int = count("index of the platform that carries it", 0)
-    lever_arm: tuple[Number, ...] = vector("where on the platform, along its body axes", (), unit="m")
-    detection_probability: Number = quantity("chance that a measurement is made", 1.0, above=0, at_most=1)
-
-    def measure(self, scene: Scene) -> Array:
-        """``θ (1, …, N)``."""
-        bearing: Array = scene.sightline(self.platform, self.lever_arm).bearing[None]
-        return bearing
-
-    def jacobian(self, scene: Scene) -> Array:
-        """``∂θ/∂p = (cos θ, −sin θ)/ρ`` with ρ the horizontal range."""
-        line = scene.sightline(self.platform, self.lever_arm)
-        rows = scene.empty_jacobian(1)
-        east, north = line.offset[0], line.offset[1]
-        square = np.maximum(east * east + north * north, 1e-6)
-        rows[0, 0] = north / square
-        rows[0, 1] = -east / square
-        return rows
-
-    def noise_covariance(self) -> Array:
-        """``σ² (1, 1, 1|N)``."""
-        return scalar_covariance(self.sigma)
+from passloc_env.units import SPEED_OF_LIGHT
 
 
 @dataclass(frozen=True, kw_only=True)

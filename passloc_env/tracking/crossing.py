@@ -1,0 +1,99 @@
+"""An unscented filter that knows what it means when an emitter passes an array.
+
+While an emitter runs along the line through an array its bearing tells nothing of its range; the moment it passes, the
+bearing turns right round. No Gramian and no Jacobian sees that jump, for it is not a slope. But it says that the
+emitter was at the array between the last two looks, which is worth more than all bearings before.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from passloc_env.angles import wrap
+from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.fields import quantity
+from passloc_env.linalg import diagonal, inner, tree_sum
+from passloc_env.platforms import Pose
+from passloc_env.sensors import Bearing, Sensor
+from passloc_env.tracking.correction import correct
+from passloc_env.tracking.tracker import Models
+from passloc_env.tracking.ukf import UnscentedKalman, UnscentedTrack
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrossingKalman(UnscentedKalman):
+    """Unscented filter that takes a bearing turned right round for a passage of the array.
+
+    The passage happened at a time equally likely within the step of length T, so the emitter is now at
+    ``p_array + v T/2`` with standard deviation ``|v| T/√12``; that replaces what the sensors of this array measured in
+    this step, for which close by no linearisation holds.
+    """
+
+    turn: float = quantity(
+        "turn of a bearing within one step that means a passage", math.pi / 2, unit="rad", above=0, plain=True
+    )
+
+    def build(self, models: Models, environments: int) -> CrossingTrack:
+        """The running filter."""
+        return CrossingTrack(self, models, environments)
+
+
+class CrossingTrack(UnscentedTrack):
+    """The running filter of a batch; remembers the last bearing of every array."""
+
+    def __init__(self, filter_: CrossingKalman, models: Models, environments: int) -> None:
+        super().__init__(filter_, models, environments)
+        self._turn = filter_.turn
+        self._arrays = [
+            (index, rows.start)
+            for index, (sensor, rows) in enumerate(zip(models.suite.sensors, models.suite.rows, strict=True))
+            if isinstance(sensor, Bearing)
+        ]
+        self.last_bearings: Array = np.full((len(self._arrays), environments), np.nan)
+
+    def start(self, columns: IntArray, mean: Array, covariance: Array) -> None:
+        """Begin anew, with no bearing seen yet, in the given environments."""
+        super().start(columns, mean, covariance)
+        self.last_bearings[:, columns] = np.nan
+
+    def update(self, measurement: Array, poses: list[Pose], detected: BoolArray | None = None) -> None:
+        """Passages first, then what the other sensors measured."""
+        heard = np.ones(measurement.shape, bool) if detected is None else detected.copy()
+        for last, (index, row) in zip(self.last_bearings, self._arrays, strict=True):
+            bearing = measurement[row]
+            passed = heard[row] & (np.abs(wrap(bearing - last)) > self._turn)
+            last[...] = np.where(heard[row], bearing, last)
+            if passed.any():
+                array = self.models.suite.sensors[index]
+                self._pass(array, poses, passed)
+                self._silence(array, heard, passed)
+        super().update(measurement, poses, None if detected is None and heard.all() else heard)
+
+    def _pass(self, array: Sensor, poses: list[Pose], passed: BoolArray) -> None:
+        """Correct the position of the environments whose emitter has just passed an array."""
+        layout = self.models.layout
+        d, n, period = layout.dimension, layout.size, self.models.dynamics.period
+        velocity = self.mean[layout.velocity]
+        spread = tree_sum(diagonal(self.covariance)[layout.velocity].copy())
+        variance = (inner(velocity, velocity) + spread) * (period * period / 12.0)
+        floors = np.broadcast_to(variance, (d, *variance.shape))
+        innovation_covariance = self.covariance[layout.position, layout.position].copy()
+        diagonal(innovation_covariance)[...] += floors
+        right = np.empty((d, n + 1, self.mean.shape[1]))
+        right[:, :n] = self.covariance[layout.position]
+        place = poses[array.platform].mounted(array.lever_arm).position
+        right[:, n] = place + 0.5 * period * velocity - self.mean[layout.position]
+        correct(self, right, innovation_covariance, floors, np.broadcast_to(passed, floors.shape))
+
+    def _silence(self, array: Sensor, heard: BoolArray, passed: BoolArray) -> None:
+        """Leave out what the sensors at this array measured at the passage."""
+        for sensor, rows in zip(self.models.suite.sensors, self.models.suite.rows, strict=True):
+            if sensor.platform == array.platform and sensor.lever_arm == array.lever_arm:
+                heard[rows] &= ~passed
+
+    def state_arrays(self) -> dict[str, np.ndarray]:
+        """Everything that makes up the track's state, by name, batch axis last."""
+        return super().state_arrays() | {"last_bearings": self.last_bearings}

@@ -1,0 +1,101 @@
+"""The first fix of one satellite: where its measured direction meets an assumed height."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passloc_env.arrays import Array, Number
+from passloc_env.errors import ScenarioError
+from passloc_env.fields import count, quantity
+from passloc_env.frames import cross, meet_height
+from passloc_env.linalg import diagonal, inner, matmul, row_gram, transpose
+from passloc_env.sensors import PhaseDifference, Sensor
+from passloc_env.sightline import Scene
+from passloc_env.tracking.initialisation import FirstLook, Prior, blank
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightPrior(Prior):
+    """Single-satellite fix at an assumed height, velocity zero (paper 001, section on the initial state).
+
+    Two interferometers of one satellite give a direction; with the height it becomes a position. With ``G`` the
+    gradients of both phases and of the height, ``P₁ = G⁻¹ diag(σ_A², σ_B², σ_h²) G⁻ᵀ``. Misalignments of the body enter
+    the fix, so they and the position begin correlated. Where noise lets the direction miss the Earth, the fix is the
+    point of the line that lies nearest to the Earth's centre.
+    """
+
+    height: Number = quantity("assumed height above the ellipsoid", unit="m")
+    height_sigma: Number = quantity("standard deviation of the height", unit="m", above=0)
+    velocity_sigma: Number = quantity("standard deviation of the velocity per axis", unit="m/s", above=0)
+    platform: int = count("index of the satellite that makes the fix", 0)
+
+    def carrier_platform(self, sensors: tuple[Sensor, ...]) -> int:
+        """The satellite that makes the fix."""
+        return self.platform
+
+    def check(self, sensors: tuple[Sensor, ...], dimension: int) -> None:
+        """The satellite must carry interferometers along two body axes."""
+        if dimension != 3:
+            raise ScenarioError("platform", self.platform, "a fix at a height needs a scenario in space")
+        axes = [sensor.axis for _, sensor in self._interferometers(sensors)]
+        if sorted(axes) != [0, 1]:
+            allowed = f"must carry one PhaseDifference along each of the axes 0 and 1; it has them along {axes}"
+            raise ScenarioError("platform", self.platform, allowed)
+
+    def _interferometers(self, sensors: tuple[Sensor, ...]) -> list[tuple[int, PhaseDifference]]:
+        """The satellite's interferometers with their place among the sensors."""
+        found = [(i, s) for i, s in enumerate(sensors) if isinstance(s, PhaseDifference)]
+        return [(index, sensor) for index, sensor in found if sensor.platform == self.platform]
+
+    def start(self, look: FirstLook) -> tuple[Array, Array]:
+        """The fix, at rest."""
+        towards = self._direction(look)
+        fix = meet_height(look.pose.position, towards, self.height)
+        mean = np.zeros(look.truth.shape)
+        mean[look.layout.position] = fix.position
+        return mean, self._spread(look, mean, fix.normal)
+
+    def at_truth(self, look: FirstLook) -> Array:
+        """The same covariance with the gradients taken at the truth."""
+        offset = look.truth[look.layout.position] - look.pose.position
+        towards = offset / np.sqrt(inner(offset, offset))
+        normal = meet_height(look.pose.position, towards, self.height).normal
+        return self._spread(look, look.truth, normal)
+
+    def _direction(self, look: FirstLook) -> Array:
+        """Unit vector ``(3, N)`` of the measured direction, taken to point below the satellite."""
+        cosines = np.zeros((3, look.measurement.shape[1]))
+        for index, sensor in self._interferometers(look.suite.sensors):
+            cosines[sensor.axis] = look.measurement[look.suite.rows[index].start] / sensor.radians_per_cosine
+        across = np.sqrt(inner(cosines, cosines))
+        cosines /= np.maximum(across, 1.0)
+        cosines[2] = np.sqrt(np.maximum(1.0 - across * across, 0.0))
+        towards = matmul(transpose(look.pose.attitude), cosines[:, None])[:, 0]
+        return towards
+
+    def _spread(self, look: FirstLook, state: Array, normal: Array) -> Array:
+        layout, nuisances = look.layout, look.layout.nuisances
+        _, covariance = blank(look, 0.0, state.shape[1])
+        rows = [look.suite.rows[index].start for index, _ in self._interferometers(look.suite.sensors)]
+        jacobian = look.suite.jacobian(Scene(state, layout, look.poses))[rows]
+        inverse = _inverse(np.concatenate([jacobian[:, layout.position], normal[None]]))
+        sigma = (*np.sqrt(diagonal(look.suite.noise_covariance)[rows]), np.asarray(self.height_sigma, float))
+        position = row_gram(inverse * np.stack([np.broadcast_to(s, normal.shape[1:]) for s in sigma]))
+        if layout.nuisance:
+            # δp = G⁻¹ (v − H_ε ε): what a misalignment adds to the fix, it also ties to it.
+            lean = -matmul(inverse[:, :2], jacobian[:, nuisances])
+            variance = diagonal(covariance)[nuisances]
+            position += row_gram(lean * np.sqrt(variance))
+            covariance[layout.position, nuisances] = lean * variance
+            covariance[nuisances, layout.position] = transpose(lean * variance)
+        covariance[layout.position, layout.position] = position
+        diagonal(covariance)[layout.velocity] = np.square(self.velocity_sigma)
+        return covariance
+
+
+def _inverse(matrix: Array) -> Array:
+    """Inverse of ``(3, 3, N)`` by cofactors."""
+    columns = np.stack([cross(matrix[1], matrix[2]), cross(matrix[2], matrix[0]), cross(matrix[0], matrix[1])], axis=1)
+    return columns / inner(matrix[0], columns[:, 0])

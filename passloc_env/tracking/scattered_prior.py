@@ -1,0 +1,57 @@
+"""A prior for fixed cases whose papers only say how good the first guess is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passloc_env.angles import direction
+from passloc_env.arrays import Array, Number
+from passloc_env.fields import count, quantity
+from passloc_env.layout import StateLayout
+from passloc_env.tracking.initialisation import BearingPrior, FirstLook, blank, polar_covariance
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScatteredPrior(BearingPrior):
+    """Range, velocity and acceleration drawn around the truth; the direction is the first bearing.
+
+    ``cov = σ_r² u uᵀ + (r σ_θ)² t tᵀ`` for the position, ``σ_v²`` and ``σ_a²`` per axis.
+    """
+
+    range_sigma: Number = quantity("standard deviation of the range", unit="m", above=0)
+    velocity_sigma: Number = quantity("standard deviation of the velocity per axis", unit="m/s", above=0)
+    acceleration_sigma: Number = quantity("standard deviation of the acceleration per axis", 0.01, unit="m/s²", above=0)
+    min_range: Number = quantity("smallest range ever drawn", 1.0, unit="m", above=0)
+    sensor: int = count("index of the bearing sensor", 0)
+
+    def normals_needed(self, layout: StateLayout) -> int:
+        """The range, and each velocity and acceleration."""
+        return 1 + layout.kinematic.stop - layout.dimension
+
+    def start(self, look: FirstLook) -> tuple[Array, Array]:
+        """Centred on the first measured bearing and on what was drawn."""
+        bearing, sigma = self._first_bearing(look)
+        _, true_range = self._truth_seen(look)
+        layout = look.layout
+        distance = np.maximum(true_range + self.range_sigma * look.normals[0], self.min_range)
+        mean, covariance = self._spread(look, bearing, distance * sigma)
+        mean[layout.position] = look.pose.position + distance * direction(bearing)
+        for row, normal in zip(range(layout.dimension, layout.kinematic.stop), look.normals[1:], strict=True):
+            mean[row] = look.truth[row] + np.sqrt(covariance[row, row]) * normal
+        return mean, covariance
+
+    def at_truth(self, look: FirstLook) -> Array:
+        """At the true bearing and range."""
+        _, sigma = self._first_bearing(look)
+        bearing, distance = self._truth_seen(look)
+        return self._spread(look, bearing, distance * sigma)[1]
+
+    def _spread(self, look: FirstLook, bearing: Array, across: Array) -> tuple[Array, Array]:
+        mean, covariance = blank(look, self.acceleration_sigma, len(bearing))
+        layout = look.layout
+        covariance[layout.position, layout.position] = polar_covariance(bearing, self.range_sigma, across)
+        for row in range(layout.velocity.start, layout.velocity.stop):
+            covariance[row, row] = np.square(self.velocity_sigma)
+        return mean, covariance
