@@ -10,6 +10,7 @@ from agents import rules
 from agents.learned import LearnedPolicy, is_agent
 from agents.policy import Policy
 from passloc_env.errors import InputError, unknown_name
+from passloc_env.platforms import TurnLimitedPlatform
 from passloc_env.scenario import Scenario
 
 _RULES: dict[str, Callable[..., Policy]] = {
@@ -20,6 +21,8 @@ _RULES: dict[str, Callable[..., Policy]] = {
     "zigzag": rules.zigzag,
     "perpendicular": lambda scenario: rules.Perpendicular(),
     "fly-at": lambda scenario: rules.FlyAt(),
+    "yaw": lambda scenario: rules.BodyRate(),
+    "roll": lambda scenario: rules.BodyRate(name="roll", rates=(1.0, 0.0, 0.0)),
     "legs": lambda scenario: rules.Legs(legs=_published_legs(scenario)),
 }
 
@@ -55,10 +58,18 @@ def find_policy(text: str, scenario: Scenario) -> Policy:
 
 
 def default_policies(scenario: Scenario) -> tuple[str, ...]:
-    """The rules that every table of a scenario carries."""
+    """The rules that every table of a scenario carries: those that something in it can follow."""
     zigzags = ("zigzag:angle=60", "zigzag:angle=30")
-    plain = ("stationary", "straight", "random", "circle", *zigzags, "perpendicular", "fly-at")
-    return (*plain, "legs") if scenario.name in rules.PUBLISHED_LEGS else plain
+    names = ["stationary"]
+    if any(isinstance(platform, TurnLimitedPlatform) for platform in scenario.platforms):
+        names += ["straight", "random", "circle", *zigzags, "perpendicular", "fly-at"]
+    elif scenario.action_size:
+        names += ["random"]
+    if any(platform.steers_body for platform in scenario.platforms):
+        names += ["yaw", "roll"]
+    if scenario.name in rules.PUBLISHED_LEGS:
+        names += ["legs"]
+    return tuple(names)
 
 
 def _setting(item: str, text: str) -> tuple[str, Any]:

@@ -1,7 +1,7 @@
 """Classical rules: fixed recipes for the heading, from the believed line of sight and the clock.
 
 Every rule wants a heading for each turn-limited platform; the platform turns that wish into its own action, whatever
-its control style. Other platforms with controls are left neutral.
+its control style. Other platforms with controls are left neutral, except by :class:`BodyRate`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from passloc_env.angles import bearing_of, wrap
 from passloc_env.arrays import Array
 from passloc_env.belief import Belief
-from passloc_env.platforms import PlanarPose, TurnLimitedPlatform
+from passloc_env.platforms import PlanarPose, Platform, TurnLimitedPlatform
 from passloc_env.scenario import Scenario
 from passloc_env.units import DEGREE, MINUTE
 
@@ -60,8 +60,12 @@ class Rule:
                 wanted = self.heading(helm)
                 parts.append(platform.action_towards(wanted, helm.heading, helm.line_of_sight, helm.interval)[None])
             else:
-                parts.append(np.zeros((platform.controls, len(belief.time))))
+                parts.append(self.neutral(platform, len(belief.time)))
         return np.clip(np.concatenate(parts).T, -1.0, 1.0)
+
+    def neutral(self, platform: Platform, environments: int) -> Array:
+        """What platforms do that choose no heading ``(controls, N)``: nothing."""
+        return np.zeros((platform.controls, environments))
 
 
 @dataclass(frozen=True)
@@ -166,6 +170,28 @@ class Legs(Rule):
         headings = np.array([heading for _, heading in self.legs]) * DEGREE
         leg = np.searchsorted(starts, helm.time + 1e-9, side="right") - 1
         return wrap(headings[np.maximum(leg, 0)])
+
+
+@dataclass(frozen=True)
+class BodyRate(Rule):
+    """Turn every body that can be turned at a steady rate; platforms that choose a heading keep it.
+
+    Args:
+        rates: shares of the largest rate about each body axis: roll, pitch, yaw.
+    """
+
+    name: str = "yaw"
+    rates: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    def heading(self, helm: Helm) -> Array:
+        """The present heading."""
+        return helm.heading
+
+    def neutral(self, platform: Platform, environments: int) -> Array:
+        """The rates, for a body that can be turned."""
+        if not platform.steers_body:
+            return super().neutral(platform, environments)
+        return np.repeat(np.array(self.rates)[:, None], environments, axis=1)
 
 
 PUBLISHED_LEGS: dict[str, tuple[tuple[float, float], ...]] = {

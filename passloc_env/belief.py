@@ -91,8 +91,9 @@ def line_of_sight_axes(direction: Array) -> Array:
 class BeliefFeatures(Component):
     """The observation: the belief in the frame of its own line of sight, scaled to the order of one.
 
-    Means, logarithms of the standard deviations, and correlations of the posterior, own velocity, time left and the
-    last action. Without the covariance an agent cannot tell what it does not know yet.
+    Means, logarithms of the standard deviations, and correlations of the posterior, own velocity, where other platforms
+    are and how bodies point that can be turned, time left and the last action. Without the covariance an agent cannot
+    tell what it does not know yet.
     """
 
     range_scale: float = quantity("range that counts as one", 40e3, unit="m", above=0)
@@ -100,21 +101,29 @@ class BeliefFeatures(Component):
     acceleration_scale: float = quantity("acceleration that counts as one", 1.0, unit="m/s²", above=0)
     nuisance_scale: float = quantity("nuisance standard deviation that counts as one", 1.0, above=0)
 
-    def names(self, layout: StateLayout, platforms: int, actions: int) -> tuple[str, ...]:
+    def names(self, layout: StateLayout, platforms: tuple[Platform, ...]) -> tuple[str, ...]:
         """The name of each feature, in order."""
         axes = ("along", "across", "up")[: layout.dimension]
         derivatives = ("position", "velocity", "acceleration")[: layout.order + 1]
         states = [f"{derivative} {axis}" for derivative in derivatives for axis in axes] + list(layout.nuisance)
-        others = [f"platform {p} offset {axis}" for p in range(1, platforms) for axis in axes]
+        others = [f"platform {p} offset {axis}" for p in range(1, len(platforms)) for axis in axes]
+        bodies = [
+            f"platform {p} body axis {row} {axis}"
+            for p, platform in enumerate(platforms)
+            if platform.steers_body
+            for row in range(layout.dimension)
+            for axis in axes
+        ]
         return (
             "ln range",
             *(f"own velocity {axis}" for axis in axes),
             *(f"emitter velocity {axis}" for axis in axes),
             *others,
+            *bodies,
             *(f"ln sigma of {state}" for state in states),
             *(f"correlation of {a} and {b}" for i, a in enumerate(states) for b in states[:i]),
             "time left",
-            *(f"last action {a}" for a in range(actions)),
+            *(f"last action {a}" for a in range(sum(platform.controls for platform in platforms))),
         )
 
     def observe(self, belief: Belief) -> Array:
@@ -128,12 +137,19 @@ class BeliefFeatures(Component):
             for index, pose in enumerate(belief.poses)
             if index != belief.own_ship
         ]
+        bodies = [
+            matvec(axes, body_axis)
+            for platform, pose in zip(belief.platforms, belief.poses, strict=True)
+            if platform.steers_body
+            for body_axis in pose.attitude
+        ]
         sigma, correlation = self._spread(belief, axes, believed_range)
         parts = [
             np.log(believed_range / self.range_scale)[None],
             matvec(axes, own.velocity) / self.speed_scale,
             matvec(axes, belief.mean[layout.velocity]) / self.speed_scale,
             *others,
+            *bodies,
             sigma,
             correlation,
             (belief.time_left / (belief.time + belief.time_left))[None],

@@ -169,6 +169,37 @@ class ConstantAcceleration(LinearMotion):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ReversingAcceleration(Motion):
+    """Constant acceleration, held as a state, that changes sign at one instant; exact. Only the truth knows it."""
+
+    order = 2
+    model = False
+
+    reversal: Number = quantity("when the acceleration changes sign", unit="s", at_least=0)
+
+    def propagate(self, state: Array, layout: StateLayout, period: float, time: Array) -> Array:
+        """The state ``(n, N)`` one period after ``time``: before the reversal, and what is left of the step after it."""
+        before = np.minimum(np.maximum(self.reversal - time, 0.0), period)
+        turns = (time < self.reversal) & (self.reversal <= time + period)
+        moved = _accelerated(state, layout, before)
+        moved[layout.acceleration] *= np.where(turns, -1.0, 1.0)
+        return _accelerated(moved, layout, period - before)
+
+    def noise_gain(self, layout: StateLayout, period: float) -> Array:
+        """No process noise: ``(n, 0, 1)``."""
+        return np.zeros((layout.size, 0, 1))
+
+
+def _accelerated(state: Array, layout: StateLayout, time: Array) -> Array:
+    """States ``(n, N)`` after ``time (N,)`` at constant acceleration; a new array."""
+    moved = state.copy()
+    push = state[layout.acceleration]
+    moved[layout.position] += time * (state[layout.velocity] + (0.5 * time) * push)
+    moved[layout.velocity] += time * push
+    return moved
+
+
+@dataclass(frozen=True, kw_only=True)
 class CoordinatedTurn(LinearMotion):
     """A turn at a known rate about the vertical, exact for any period.
 

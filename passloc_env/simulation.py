@@ -295,7 +295,8 @@ class Simulation:
         layout = self.models.truth.layout
         truth = np.zeros((layout.size, len(columns)))
         start = take(self.realised.target.start, columns).sample(len(columns))
-        truth[: len(start)] = start
+        given = min(len(start), layout.kinematic.stop)
+        truth[:given] = start[:given]
         normals = self.noise.nuisances[:, columns]
         for nuisance, normal in zip(self.models.truth_nuisances, normals, strict=True):
             truth[layout.nuisance_row(nuisance.name)] = nuisance.sigma * normal

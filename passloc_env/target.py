@@ -24,31 +24,41 @@ class Start(Component):
     dimension: int = 2
 
     def sample(self, environments: int) -> Array:
-        """Initial position and velocity ``(2d, N)`` of a realised start."""
+        """Initial position, velocity and, where it is given, acceleration ``(2d | 3d, N)`` of a realised start."""
         raise AssertionError(f"{type(self).__name__} must define sample")
 
 
 @dataclass(frozen=True, kw_only=True)
 class PolarStart(Start):
-    """Range and bearing from the origin, speed and course; planar."""
+    """Range and bearing from the origin, speed and course; planar.
+
+    An acceleration along the course counts for motions that hold it as a state.
+    """
 
     range: Number = quantity("distance from the origin", unit="m", above=0)
     bearing: Number = quantity("bearing from the origin, clockwise from north", 0.0, unit="rad")
     speed: Number = quantity("speed", 0.0, unit="m/s", at_least=0)
     course: Number = quantity("course, clockwise from north", 0.0, unit="rad")
+    acceleration: Number = quantity("acceleration along the course", 0.0, unit="m/s²")
 
     def sample(self, environments: int) -> Array:
-        """East, north, and their rates ``(4, N)``."""
-        distance, bearing, speed, course = stack((self.range, self.bearing, self.speed, self.course), environments)
-        return np.concatenate([distance * direction(bearing), speed * direction(course)])
+        """East, north, their rates and accelerations ``(6, N)``."""
+        values = (self.range, self.bearing, self.speed, self.course, self.acceleration)
+        distance, bearing, speed, course, push = stack(values, environments)
+        ahead = direction(course)
+        return np.concatenate([distance * direction(bearing), speed * ahead, push * ahead])
 
 
 @dataclass(frozen=True, kw_only=True)
 class CartesianStart(Start):
-    """Position and velocity by axis, in as many dimensions as there are axes."""
+    """Position and velocity by axis, in as many dimensions as there are axes.
+
+    An acceleration counts for motions that hold it as a state.
+    """
 
     position: tuple[Number, ...] = vector("position by axis", unit="m")
     velocity: tuple[Number, ...] = vector("velocity by axis", unit="m/s")
+    acceleration: tuple[Number, ...] = vector("acceleration by axis; empty for none", (), unit="m/s²")
 
     @property
     def dimension(self) -> int:  # type: ignore[override]
@@ -61,10 +71,13 @@ class CartesianStart(Start):
             raise ScenarioError("position", self.position, "must have 2 or 3 axes")
         if len(self.velocity) != len(self.position):
             raise ScenarioError("velocity", self.velocity, f"must have {len(self.position)} axes like the position")
+        if len(self.acceleration) not in (0, len(self.position)):
+            allowed = f"must be empty or have {len(self.position)} axes like the position"
+            raise ScenarioError("acceleration", self.acceleration, allowed)
 
     def sample(self, environments: int) -> Array:
-        """Position and velocity ``(2d, N)``."""
-        return stack(self.position + self.velocity, environments)
+        """Position, velocity and, where it is given, acceleration ``(2d | 3d, N)``."""
+        return stack(self.position + self.velocity + self.acceleration, environments)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,8 @@ from passloc_env.fields import quantity
 from passloc_env.frames import EARTH_GRAVITY, EARTH_RADIUS, EARTH_RATE, below_horizon, cross, turned_body
 from passloc_env.lazy import lazy
 from passloc_env.linalg import matmul, tree_sum
-from passloc_env.platforms.platform import NavigationErrors, Platform, stack
+from passloc_env.noise import NavigationErrors
+from passloc_env.platforms.platform import Platform, stack
 from passloc_env.platforms.pose import Pose
 
 _LATITUDE, _NODE = 0, 1
@@ -49,6 +50,11 @@ class CircularOrbit(Platform):
     def controls(self) -> int:  # type: ignore[override]
         """Three body rates, or none."""
         return 3 if self.max_body_rate > 0.0 else 0
+
+    @property
+    def steers_body(self) -> bool:  # type: ignore[override]
+        """Whether it takes body rates."""
+        return self.controls > 0
 
     @property
     def constant_errors(self) -> int:  # type: ignore[override]

@@ -24,6 +24,9 @@ class Platform(Component):
     controls: int = 0
     """Number of action components the platform takes, each in [-1, 1]."""
 
+    steers_body: bool = False
+    """Whether its commands turn the body apart from the course, so that an agent must be told the attitude."""
+
     set_points: int = 0
     """Rows of the set-point that a command becomes."""
 

@@ -8,8 +8,17 @@ from typing import Any
 from passloc_env.errors import ScenarioError, unknown_name
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios.bearing_doppler import BEARING_DOPPLER, BEARING_DOPPLER_UNKNOWN_CARRIER
+from passloc_env.scenarios.bearing_doppler_cases import (
+    BEARING_DOPPLER_1A,
+    BEARING_DOPPLER_1B,
+    BEARING_DOPPLER_2A,
+    BEARING_DOPPLER_2B,
+)
 from passloc_env.scenarios.bearings_only import BEARINGS_ONLY, BEARINGS_ONLY_FAR
+from passloc_env.scenarios.dual_array import DUAL_ARRAY
+from passloc_env.scenarios.dual_satellite import DUAL_SATELLITE
 from passloc_env.scenarios.own_ship import OWN_SHIP_MODERATE, OWN_SHIP_SEVERE
+from passloc_env.scenarios.radial_acceleration import RADIAL_ACCELERATION
 
 SCENARIOS: dict[str, Scenario] = {
     scenario.name: scenario
@@ -20,6 +29,13 @@ SCENARIOS: dict[str, Scenario] = {
         OWN_SHIP_SEVERE,
         BEARING_DOPPLER,
         BEARING_DOPPLER_UNKNOWN_CARRIER,
+        BEARING_DOPPLER_1A,
+        BEARING_DOPPLER_1B,
+        BEARING_DOPPLER_2A,
+        BEARING_DOPPLER_2B,
+        RADIAL_ACCELERATION,
+        DUAL_ARRAY,
+        DUAL_SATELLITE,
     )
 }
 """All registered scenarios by name."""

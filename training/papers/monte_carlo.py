@@ -1,0 +1,159 @@
+"""Monte Carlo runs of a scenario as the papers report them: histories over time of a whole batch of runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from agents import Policy, find_policy
+from passloc_env.arrays import Array
+from passloc_env.linalg import diagonal
+from passloc_env.metrics import lost
+from passloc_env.scenario import Scenario
+from passloc_env.simulation import Simulation
+from passloc_env.vector_env import LocalisationVectorEnv
+from training.statistics import Bootstrap, Estimate, chi_square_band, root_mean_square
+
+Quantity = Callable[[Simulation], Array]
+"""Something to keep from every step: ``(N,)`` from the simulation."""
+
+
+def position_bound(simulation: Simulation) -> Array:
+    """Root of the trace of the bound's position block ``(N,)``, m."""
+    position = simulation.information.dynamics.layout.position
+    root: Array = np.sqrt(diagonal(simulation.information.bound)[position].sum(axis=0))
+    return root
+
+
+def position_error(simulation: Simulation) -> Array:
+    """Distance between estimate and truth ``(N,)``, m."""
+    return np.sqrt(np.square(simulation.outcome.position_error).sum(axis=0))
+
+
+_ALWAYS: dict[str, Quantity] = {
+    "error": position_error,
+    "bound": position_bound,
+    "range": lambda simulation: simulation.outcome.range.copy(),
+    "nees": lambda simulation: simulation.outcome.nees,
+}
+
+
+@dataclass
+class History:
+    """What happened in a batch of runs.
+
+    Attributes:
+        time: of each kept instant ``(K,)``, s.
+        error: distance between estimate and truth ``(K, N)``, m.
+        bound: root of the trace of the bound on the position ``(K, N)``, m.
+        range: true range ``(K, N)``, m.
+        nees: normalised estimation error squared ``(K, N)``.
+        states: how many states the NEES runs over.
+        extra: further quantities by name, ``(K, N)`` each.
+    """
+
+    time: Array
+    error: Array
+    bound: Array
+    range: Array
+    nees: Array
+    states: int
+    extra: dict[str, Array] = field(default_factory=dict)
+
+    @property
+    def relative_error(self) -> Array:
+        """Error over true range ``(K, N)`` (paper 000, eq. 26)."""
+        return self.error / self.range
+
+    @property
+    def relative_rms(self) -> Array:
+        """Root mean square over the runs of the relative error ``(K,)``."""
+        return root_mean_square(self.relative_error, axis=1)
+
+    @property
+    def relative_bound(self) -> Array:
+        """The same of the bound ``(K,)``."""
+        return root_mean_square(self.bound / self.range, axis=1)
+
+    def rms(self, name: str = "error") -> Array:
+        """Root mean square over the runs of a quantity ``(K,)``."""
+        values = self.error if name == "error" else self.extra[name]
+        return root_mean_square(values, axis=1)
+
+    @property
+    def efficiency(self) -> Array:
+        """RMS error over RMS bound ``(K,)``; 1 for an efficient tracker, lost runs included."""
+        return self.rms() / root_mean_square(self.bound, axis=1)
+
+    @property
+    def anees(self) -> float:
+        """Average NEES per state over runs and time; 1 when consistent."""
+        return float(self.nees.mean()) / self.states
+
+    @property
+    def end_anees(self) -> Estimate:
+        """NEES per state at the end, averaged over the runs, with the 95 % band of a consistent tracker."""
+        low, high = chi_square_band(self.states * self.nees.shape[1])
+        return Estimate(float(self.nees[-1].mean()) / self.states, low, high)
+
+    @property
+    def lost(self) -> float:
+        """Share of runs that end lost."""
+        return float(lost(self.relative_error[-1], self.nees[-1]).mean())
+
+    def at(self, time: float) -> int:
+        """The last kept instant not after a time, s."""
+        return max(int(np.searchsorted(self.time, time + 1e-9, side="right")) - 1, 0)
+
+    def relative_rms_at(self, time: float) -> Estimate:
+        """RMS relative error at a time, with its bootstrap interval."""
+        return Bootstrap(self.error.shape[1]).estimate(self.relative_error[self.at(time)], root_mean_square)
+
+
+def run(
+    scenario: Scenario,
+    runs: int,
+    seed: int,
+    policy: str | Policy = "stationary",
+    every: int = 1,
+    extra: Mapping[str, Quantity] | None = None,
+) -> History:
+    """Fly whole episodes of a scenario and keep their histories; nothing ends early.
+
+    Args:
+        scenario: the problem.
+        runs: how many, in one batch.
+        seed: of the first run; the others count up from it.
+        policy: who moves the observer, by default nobody.
+        every: keep each so many sensor steps.
+        extra: further quantities to keep.
+    """
+    flown_by = find_policy(policy, scenario) if isinstance(policy, str) else policy
+    flown = scenario.override({**flown_by.overrides, "episode.early_end": False})
+    env = LocalisationVectorEnv(runs, flown, autoreset_mode=AutoresetMode.DISABLED)
+    (simulation,) = env.batch.tiles
+    kept: dict[str, list[Array]] = {name: [] for name in ("time", *_ALWAYS, *(extra or {}))}
+
+    def watch(simulation: Simulation) -> None:
+        if simulation.step_count[0] % every == 0:
+            for name, quantity in {**_ALWAYS, **(extra or {})}.items():
+                kept[name].append(quantity(simulation))
+            kept["time"].append(simulation.time[:1])
+
+    simulation.watchers.append(watch)
+    observation, _ = env.reset(seed=seed)
+    rng = np.random.default_rng(seed)
+    for _ in range(flown.episode.steps // flown.episode.decision_every):
+        observation, *_ = env.step(flown_by.act(observation, env.belief, rng))
+    stacked: dict[str, Any] = {name: np.stack(values) for name, values in kept.items()}
+    shared = simulation.models.tracker.layout.shared_rows(simulation.models.truth.layout)
+    return History(
+        time=stacked["time"][:, 0],
+        states=len(shared),
+        extra={name: stacked[name] for name in extra or {}},
+        **{name: stacked[name] for name in _ALWAYS},
+    )
