@@ -67,6 +67,6 @@ DUAL_SATELLITE = Scenario(
     prior=HeightPrior(height=10 * KILOMETRE, height_sigma=5 * KILOMETRE, velocity_sigma=400.0),
     tracker=ExtendedKalman(),
     observation=BeliefFeatures(range_scale=800 * KILOMETRE, speed_scale=3e3, nuisance_scale=0.05 * DEGREE),
-    episode=Episode(steps=100, decision_every=5, min_range=0.0),
+    episode=Episode(steps=100, decision_every=5, min_range=0.0, lost_error=0.1),
 )
 """700 km orbits 80 km apart, emitter at 10 km and 300 m/s; phases 20°, 50 ns, misalignment 0.05°, 100 s."""

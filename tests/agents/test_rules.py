@@ -176,7 +176,9 @@ def test_random_stays_within_bounds_and_follows_its_generator():
     assert abs(np.corrcoef(first.T)[0, 1]) < 5.0 / math.sqrt(500.0)
 
 
-@pytest.mark.parametrize("name", [name for name, s in SCENARIOS.items() if s.action_size])
+@pytest.mark.parametrize(
+    "name", [name for name, s in SCENARIOS.items() if isinstance(s.platforms[0], TurnLimitedPlatform)]
+)
 def test_stationary_stays_where_it_is(name):
     policy = stationary(SCENARIOS[name])
     env = LocalisationVectorEnv(2, SCENARIOS[name], overrides={**policy.overrides, "episode.early_end": False})
@@ -281,3 +283,20 @@ def test_every_platform_gets_its_own_action(name):
     assert actions.shape == (CASES, 2)
     assert np.array_equal(actions[:, :1], decide(policy, left))
     assert np.array_equal(actions[:, 1:], decide(policy, right))
+
+
+@pytest.mark.parametrize(("name", "axis"), [("roll", 0), ("yaw", 2)])
+def test_body_rates_turn_every_body_and_nothing_else(name, axis):
+    """Both satellites turn about the wanted body axis at their largest rate; the axis itself keeps its direction."""
+    scenario = SCENARIOS["DualSatellite"]
+    policy = find_policy(name, scenario)
+    env = LocalisationVectorEnv(2, scenario)
+    observation, _ = env.reset(seed=0)
+    actions = policy.act(observation, env.belief, np.random.default_rng(0))
+    wanted = np.zeros(6)
+    wanted[[axis, axis + 3]] = 1.0
+    np.testing.assert_array_equal(actions, [wanted, wanted])
+    still = find_policy("stationary", scenario).act(observation, env.belief, np.random.default_rng(0))
+    np.testing.assert_array_equal(still, np.zeros((2, 6)))
+    flying = believe(headings=HEADINGS)
+    np.testing.assert_allclose(wrap(flown(policy, flying) - HEADINGS), 0.0, atol=1e-12)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from passloc_env import SCENARIOS, LocalisationVectorEnv
-from passloc_env.target import CartesianStart, PolarStart
+from passloc_env.target import CartesianStart, GeodeticStart, PolarStart
 
 Overrides = dict[str, Any]
 SHORT_DECISIONS = 4
@@ -30,14 +30,22 @@ def short() -> Callable[[str], Overrides]:
         episode, start = scenario.episode, scenario.target.start
         changes: Overrides = {"episode.steps": SHORT_DECISIONS * episode.decision_every, "episode.early_end": True}
         if isinstance(start, PolarStart):
-            closest = max(episode.min_range, 1e3)
+            fastest = start.speed if isinstance(start.speed, float) else start.speed.support[1]
+            closest = max(episode.min_range, 1e3, 12.0 * fastest * episode.interval)
             changes |= {
                 "episode.min_range": closest,
                 "target.start.range": _uniform(1.02 * closest, 1.4 * closest),
             }
         elif isinstance(start, CartesianStart):
-            per_decision = math.hypot(*start.velocity) * episode.interval
-            changes["episode.min_range"] = math.hypot(*start.position) - 0.8 * SHORT_DECISIONS * per_decision
+            # Straight in: whoever flies at it meets the limit, whoever flies away does not.
+            away, speed = math.hypot(*start.position), math.hypot(*start.velocity)
+            changes["target.start.velocity"] = [-speed * axis / away for axis in start.position]
+            closing = speed + 0.25 * scenario.platforms[0].speed
+            changes["episode.min_range"] = away - SHORT_DECISIONS * closing * episode.interval
+        elif isinstance(start, GeodeticStart):
+            # Ahead of the satellites and to starboard; these come nearer by 7 km a second.
+            changes["target.start.latitude"] = _uniform(math.radians(28.0), math.radians(31.0))
+            changes["episode.min_range"] = 830e3
         else:
             raise AssertionError(f"say how to begin {name} close to the emitter")
         return changes

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from passloc_env.observability import (
     observability_matrix,
     pseudo_linear_rows,
     rank_report,
+    record_scale,
     windowed_gram_determinant,
 )
 from passloc_env.scenarios import SCENARIOS
@@ -77,6 +80,35 @@ def test_gramian_equals_the_sum_of_outer_products() -> None:
             power = TRANSITION[..., 0] @ power
     np.testing.assert_allclose(gramian(rows, TRANSITION), expected, rtol=1e-12)
     assert observability_matrix(rows, TRANSITION).shape == (14, 4, 3)
+
+
+def test_results_do_not_depend_on_the_batch(assert_batch_free: Callable[..., None]) -> None:
+    rng = np.random.default_rng(2)
+    rows, per_environment = rng.normal(size=(11, 2, 4, 60)), rng.normal(size=(4, 4, 60))
+    for transition in (TRANSITION, per_environment):
+        assert_batch_free(observability_matrix, rows, transition)
+        assert_batch_free(gramian, rows, transition)
+    assert_batch_free(lambda given: rank_report(given, TRANSITION, LAYOUT, SCALE).condition, rows)
+    assert_batch_free(lambda given: rank_report(given, TRANSITION, LAYOUT, SCALE).weakest, rows)
+
+
+def test_a_record_shorter_than_the_state_is_reported_too() -> None:
+    rows = pseudo_linear_rows(np.array([[0.3]]), LAYOUT, doppler=True)
+    report = rank_report(rows, TRANSITION, LAYOUT, SCALE)
+    assert report.rank == 2
+    assert np.isinf(report.condition)
+    assert np.isfinite(report.weakest).all()
+
+
+def test_a_record_of_nothing_has_rank_zero() -> None:
+    report = rank_report(np.zeros((6, 1, 4, 1)), TRANSITION, LAYOUT, SCALE)
+    assert report.rank == 0
+    assert np.isinf(report.condition)
+
+
+def test_record_scale_makes_a_speed_of_everything() -> None:
+    layout = StateLayout(order=2, nuisance=("constant",))
+    np.testing.assert_array_equal(record_scale(layout, 50.0), [50.0, 50.0, 1.0, 1.0, 0.02, 0.02, 1.0])
 
 
 def test_windowed_determinant_equals_the_determinant_of_each_window() -> None:

@@ -1,0 +1,87 @@
+"""Observability matrices and Gramians of any rows along any record, their determinants and gains."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from passloc_env.arrays import Array
+from passloc_env.errors import InputError
+from passloc_env.linalg import cholesky, log_determinant, matmul, row_gram, solve_lower, transpose
+from passloc_env.sensor_suite import SensorSuite
+from passloc_env.sightline import Scene
+
+
+def fisher_rows(suite: SensorSuite, scene: Scene) -> Array:
+    """The measurement Jacobian of a scene divided by the noise: ``R^{-1/2} H (m, n, N)``.
+
+    A simulation offers both, ``simulation.models.suite`` and ``simulation.bound_scene()``; stack what a watcher
+    collects to ``(K, m, n, N)``.
+    """
+    return solve_lower(cholesky(suite.noise_covariance).lower, suite.jacobian(scene))
+
+
+def observability_matrix(rows: Array, transition: Array) -> Array:
+    """``H_k Φᵏ`` of all instants below each other, ``(K m, n, N)`` (paper 000, eq. 5).
+
+    Args:
+        rows: ``(K, m, n, N)``; instant k is k steps after the state that is asked for.
+        transition: ``Φ (n, n)`` or ``(n, n, 1|N)`` of one step.
+    """
+    instants, scalars, n, batch = rows.shape
+    step = transition if transition.ndim == 3 else transition[..., None]
+    mapped = np.empty(rows.shape)
+    power = np.broadcast_to(np.eye(n)[..., None], step.shape)
+    for k in range(instants):
+        mapped[k] = matmul(rows[k], power)
+        power = matmul(step, power)
+    return mapped.reshape(instants * scalars, n, batch)
+
+
+def gramian(rows: Array, transition: Array) -> Array:
+    """``Σ (Φᵏ)ᵀ H_kᵀ H_k Φᵏ``, ``(n, n, N)`` (paper 000, eq. 4); arguments as for :func:`observability_matrix`."""
+    _, scalars, n, batch = rows.shape
+    total = np.zeros((n, n, batch))
+    for block in observability_matrix(rows, transition).reshape(-1, scalars, n, batch):
+        total += row_gram(transpose(block))
+    return total
+
+
+def windowed_gram_determinant(rows: Array, transition: Array, window: int) -> Array:
+    """``ln det`` of the Gramian of each window of consecutive instants, mapped to the window's own start.
+
+    Args:
+        rows: ``(K, m, n, N)``.
+        transition: of one step.
+        window: instants per window.
+
+    Returns:
+        ``(K − window + 1, N)``; −inf where a window does not see the whole state.
+
+    Raises:
+        InputError: a window below one or longer than the record.
+    """
+    steps = len(rows)
+    if not 1 <= window <= steps:
+        raise InputError(f"window = {window} is not possible: must be between 1 and the {steps} instants given")
+    determinants = np.empty((steps - window + 1, rows.shape[-1]))
+    for first in range(steps - window + 1):
+        stacked = np.moveaxis(observability_matrix(rows[first : first + window], transition), -1, 0)
+        determinants[first] = _log_gram_determinant(stacked)
+    return determinants
+
+
+def _log_gram_determinant(stacked: Array) -> Array:
+    """``ln det(OᵀO)`` of matrices ``(N, k, n)`` from their singular values, which lose half as many digits."""
+    if stacked.shape[1] < stacked.shape[2]:
+        return np.full(len(stacked), -np.inf)
+    values = np.linalg.svd(stacked, compute_uv=False)
+    with np.errstate(divide="ignore"):
+        logarithm: Array = 2.0 * np.log(values).sum(axis=-1)
+    return logarithm
+
+
+def gram_gain(before: Array, after: Array, prior_information: Array) -> Array:
+    """``ln det(G_k + P₀⁻¹) − ln det(G_{k−1} + P₀⁻¹)`` for Gramians ``(n, n, N)`` in Fisher units, ``(N,)``."""
+    return log_determinant(cholesky(after + prior_information).lower) - log_determinant(
+        cholesky(before + prior_information).lower
+    )
