@@ -38,15 +38,16 @@ def geodetic(position: Array) -> Geodetic:
     """Geodetic latitude, longitude and height of ECEF positions ``(3, N)``."""
     from pymap3d.ecef import ecef2geodetic
 
-    return Geodetic(*(np.asarray(value, float) for value in ecef2geodetic(*position, deg=False)))
+    # pymap3d turns arrays of one into scalars.
+    return Geodetic(*(np.reshape(value, position.shape[1:]) for value in ecef2geodetic(*position, deg=False)))
 
 
 def from_geodetic(latitude: Array, longitude: Array, height: Array) -> Array:
     """ECEF position ``(3, N)``, m."""
     from pymap3d.ecef import geodetic2ecef
 
-    east, north, up = geodetic2ecef(latitude, longitude, height, deg=False)
-    return rows(np.asarray(east, float), np.asarray(north, float), np.asarray(up, float))
+    axes = geodetic2ecef(latitude, longitude, height, deg=False)
+    return rows(*(np.reshape(axis, np.shape(latitude)) for axis in axes))
 
 
 def local_axes(latitude: Array, longitude: Array) -> Array:

@@ -11,17 +11,21 @@ import tyro
 from passloc_env.errors import InputError
 from passloc_env.scenarios import SCENARIOS, environment_id
 from training.arguments import free_path, parse_overrides, read_scenario
-from training.commands import Bench, Demo, Evaluate, List, Train
+from training.commands import Bench, Demo, Evaluate, List, Observe, Reproduce, Train
 
 Command = (
     Annotated[List, tyro.conf.subcommand("list")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Observe, tyro.conf.subcommand("observe")]
+    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
 )
 
-_DESCRIPTION = "Localise a moving emitter that can only be heard: train agents, judge them, measure the speed."
+_DESCRIPTION = (
+    "Localise a moving emitter that can only be heard: train agents, judge them, see what can be observed at all."
+)
 _INTERRUPTED = 130
 
 
@@ -80,6 +84,18 @@ def _demo(arguments: Demo) -> None:
     demo(arguments)
 
 
+def _observe(arguments: Observe) -> None:
+    from training.observe import observe
+
+    observe(arguments)
+
+
+def _reproduce(arguments: Reproduce) -> None:
+    from training.reproduce import reproduce
+
+    reproduce(arguments)
+
+
 def _bench(arguments: Bench) -> None:
     from training.benchmark import run
 
@@ -90,6 +106,8 @@ _RUN: dict[type, Callable[[Any], None]] = {
     List: _list,
     Train: _train,
     Evaluate: _evaluate,
+    Observe: _observe,
+    Reproduce: _reproduce,
     Demo: _demo,
     Bench: _bench,
 }

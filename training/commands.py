@@ -71,6 +71,51 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
+class Observe:
+    """Say what a path lets one know: rank, weakest direction, Cramér–Rao bound; draw a map of the bound.
+
+    Examples:
+        passloc observe BearingDopplerCase1b
+        passloc observe BearingDopplerCase1b --policy circle --out circle.png
+        passloc observe my_scenario.yaml --policy zigzag:angle=45 --json results.json
+    """
+
+    scenario: Positional[str] = "BearingsOnly"
+    """Name, Gymnasium id, or path of a scenario file (YAML or JSON)."""
+    policy: str = "stationary"
+    """Rule or path of a trained agent that flies the episode."""
+    seed: int = EVALUATION_SEED
+    """Seed of the episode."""
+    out: Path | None = None
+    """The picture; by default runs/observe/SCENARIO-POLICY.png."""
+    json: Path | None = None
+    """Also write the results here."""
+    override: tuple[str, ...] = ()
+    """Scenario fields to change, as dotted.name=value."""
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Reproduce papers claim by claim: simulations, figures, claims.json and a page, each claim with its verdict.
+
+    Papers: bearing-doppler, dual-satellite, radial-acceleration, dual-array, cross-fix.
+
+    Examples:
+        passloc reproduce cross-fix --out runs/cross-fix
+        passloc reproduce all --out docs/papers
+    """
+
+    paper: Positional[str] = "all"
+    """Which paper, or all."""
+    out: Path = Path("runs/reproduce")
+    """Folder for figures, claims.json and the page; what is there of the same papers is replaced."""
+    runs: int | None = None
+    """Monte Carlo runs; by default as many as the paper."""
+    seed: int = 0
+    """Seed of the first run; the others count up from it."""
+
+
+@dataclass(frozen=True)
 class Demo:
     """Train an agent on BearingsOnly, judge it against the rules on unseen seeds, save table and pictures.
 

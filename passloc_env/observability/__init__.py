@@ -20,6 +20,7 @@ from passloc_env.observability.gramian import (
     observability_matrix,
     windowed_gram_determinant,
 )
+from passloc_env.observability.path import cramer_rao_path
 from passloc_env.observability.pseudo_linear import (
     augmented_layout,
     augmented_pseudo_linear_rows,
@@ -42,6 +43,7 @@ __all__ = [
     "bearing_radial_acceleration_gram_determinant",
     "constant_acceleration_observable",
     "coordinated_turn_observable",
+    "cramer_rao_path",
     "degree_of_observability",
     "dual_array_observable",
     "fisher_rows",

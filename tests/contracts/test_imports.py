@@ -28,6 +28,7 @@ ROOMS = [
     ["scenario"],
     ["models", "scenarios"],
     ["simulation"],
+    ["survey"],
     ["actions", "spaces", "batch", "vector_info"],
     ["vector_env"],
     ["env", "rendering", "sb3"],

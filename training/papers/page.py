@@ -1,0 +1,108 @@
+"""Reproductions as files: one JSON per paper, all claims in one list, and a page that shows everything."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from training.papers.catalogue import PAPERS, Paper
+from training.papers.reproduction import Reproduction
+
+_HEAD = """# Five papers, claim by claim
+
+Each paper studies passive localisation from fixed stations. Its simulations run here in the environment itself, with
+nobody at the helm, and every claim is put beside what came out: *reproduced*, *reproduced-if* a condition holds that the
+paper does not state, or *not-reproducible*, with the measured reason. Where a fixed station is blind, a table sets it
+beside observers that move. All numbers on this page were written by
+
+```sh
+{command}
+```
+"""
+
+
+def save(reproduction: Reproduction, folder: Path) -> None:
+    """Write what a reproduction came to as ``PAPER.json``."""
+    data = {
+        "paper": reproduction.paper,
+        "runs": reproduction.runs,
+        "seed": reproduction.seed,
+        "claims": [dataclasses.asdict(claim) for claim in reproduction.claims],
+        "figures": [dataclasses.asdict(figure) for figure in reproduction.figures],
+        "tables": [dataclasses.asdict(table) for table in reproduction.tables],
+    }
+    _write(folder / f"{reproduction.paper}.json", _finite(data))
+
+
+def collect(folder: Path, command: str) -> list[Path]:
+    """Write ``claims.json`` and ``index.md`` from the papers found in a folder; what was written."""
+    found = [(paper, _read(folder / f"{paper.name}.json")) for paper in PAPERS.values()]
+    present = [(paper, data) for paper, data in found if data is not None]
+    claims, page = folder / "claims.json", folder / "index.md"
+    _write(claims, [claim for _, data in present for claim in data["claims"]])
+    sections = [_section(paper, data) for paper, data in present]
+    page.write_text("\n".join([_HEAD.format(command=command), _summary(present), *sections]), encoding="utf-8")
+    return [claims, page]
+
+
+def _summary(present: Sequence[tuple[Paper, dict[str, Any]]]) -> str:
+    rows = []
+    for paper, data in present:
+        verdicts = [claim["verdict"] for claim in data["claims"]]
+        counts = [str(verdicts.count(verdict)) for verdict in ("reproduced", "reproduced-if", "not-reproducible")]
+        rows.append([f"[{paper.name}](#{paper.name})", paper.subject, *counts])
+    return _table(["paper", "subject", "reproduced", "reproduced-if", "not-reproducible"], rows)
+
+
+def _section(paper: Paper, data: dict[str, Any]) -> str:
+    claims = [
+        [
+            claim["claim"],
+            _text(claim["paper_value"]),
+            _text(claim["measured"]) + _interval(claim["interval"]),
+            claim["assumption"],
+            f"**{claim['verdict']}**",
+        ]
+        for claim in data["claims"]
+    ]
+    parts = [f"## {paper.name}", f"Paper {paper.number}: {paper.citation}"]
+    parts.append(_table(["claim", "paper", "measured [95 %]", "assumption", "verdict"], claims))
+    for table in data["tables"]:
+        parts += [f"### {table['title']}", _table(table["headings"], table["rows"])]
+    for figure in data["figures"]:
+        parts.append(f"![{figure['caption']}]({figure['file']})\n\n*{figure['caption']}*\n")
+    return "\n\n".join(parts)
+
+
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [headings, [":--"] * len(headings), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
+
+
+def _text(value: float | str | None) -> str:
+    return "–" if value is None else value if isinstance(value, str) else f"{value:.4g}"
+
+
+def _interval(interval: Sequence[float] | None) -> str:
+    return "" if interval is None else f" [{interval[0]:.4g}, {interval[1]:.4g}]"
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+
+
+def _write(path: Path, data: Any) -> None:
+    path.write_text(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _finite(data: Any) -> Any:
+    """The data with null for what is not a finite number, which JSON does not know."""
+    if isinstance(data, dict):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        return [_finite(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data

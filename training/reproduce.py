@@ -1,0 +1,55 @@
+"""The command that reproduces papers."""
+
+from __future__ import annotations
+
+import time
+
+from passloc_env.errors import InputError
+from training.commands import Reproduce
+from training.papers.catalogue import find_papers
+from training.papers.page import collect, save
+from training.papers.reproduction import Reproduction
+from training.progress import console
+
+_COLOURS = {"reproduced": "green", "reproduced-if": "yellow", "not-reproducible": "red"}
+
+
+def reproduce(arguments: Reproduce) -> list[Reproduction]:
+    """Run the papers asked for, one after the other; each is saved as soon as it is done."""
+    papers = find_papers(arguments.paper)
+    if arguments.runs is not None and arguments.runs < 2:
+        raise InputError(f"runs = {arguments.runs} is not possible: must be at least 2")
+    if arguments.seed < 0:
+        raise InputError(f"seed = {arguments.seed} is not possible: must be at least 0")
+    if arguments.out.exists() and not arguments.out.is_dir():
+        raise NotADirectoryError(f"{arguments.out} is not a folder: name another one with --out")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    finished = []
+    for number, paper in enumerate(papers, 1):
+        console.print(f"{number}/{len(papers)} {paper.name}: {paper.subject}", highlight=False)
+        begun = time.perf_counter()
+        reproduction = Reproduction(paper.name, arguments.out, arguments.runs, arguments.seed)
+        paper.reproduce(reproduction)
+        save(reproduction, arguments.out)
+        _print(reproduction, time.perf_counter() - begun)
+        finished.append(reproduction)
+    for path in collect(arguments.out, _command(arguments)):
+        console.print(f"{path}", highlight=False, soft_wrap=True)
+    return finished
+
+
+def _print(reproduction: Reproduction, seconds: float) -> None:
+    for claim in reproduction.claims:
+        measured = claim.measured if isinstance(claim.measured, str) else f"{claim.measured:.4g}"
+        colour = _COLOURS[claim.verdict]
+        console.print(f"    [{colour}]{claim.verdict:16s}[/] {claim.claim}: {measured}", highlight=False)
+    console.print(f"    {len(reproduction.claims)} claims in {seconds:.0f} s", highlight=False)
+
+
+def _command(arguments: Reproduce) -> str:
+    words = ["passloc reproduce", arguments.paper, "--out", arguments.out.as_posix()]
+    if arguments.runs is not None:
+        words += ["--runs", str(arguments.runs)]
+    if arguments.seed:
+        words += ["--seed", str(arguments.seed)]
+    return " ".join(words)
