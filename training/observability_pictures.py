@@ -20,7 +20,7 @@ from passloc_env.platforms import CircularOrbit
 from passloc_env.survey import Survey
 from training.pictures import BOUND, EMITTER, OBSERVER
 
-_CELLS = 41
+_CELLS = 61
 _MARGIN = 1.3
 """The map reaches this much further than the emitter."""
 
@@ -92,7 +92,7 @@ def _draw_map(axes: Axes, survey: Survey) -> None:
     colours = axes.pcolormesh(
         chart.across, chart.along, bound, norm=LogNorm(lowest, float(bound.max())), cmap="cividis", shading="nearest"
     )
-    axes.figure.colorbar(colours, ax=axes, label="bound on the position at the end, m, for an emitter that starts here")
+    axes.figure.colorbar(colours, ax=axes, label="bound on the position at the end, m")
     for index in range(len(survey.scenario.platforms)):
         flown = chart.project(np.concatenate([poses[index].position for poses in survey.path], axis=1))
         axes.plot(*flown, color="white", lw=4.0)
@@ -102,6 +102,7 @@ def _draw_map(axes: Axes, survey: Survey) -> None:
     axes.plot(*emitter, color="white", lw=4.0)
     axes.plot(*emitter, color=EMITTER, lw=2.0, label="emitter of this episode")
     axes.plot(*chart.project(survey.start[survey.layout.position]), "o", color=EMITTER, mec="white", ms=8)
+    axes.set_title("for an emitter that starts here")
     axes.set_xlabel(chart.labels[0])
     axes.set_ylabel(chart.labels[1])
     axes.set_xlim(chart.across[0], chart.across[-1])
@@ -116,5 +117,6 @@ def _draw_time(axes: Axes, survey: Survey) -> None:
     axes.semilogy(survey.time, survey.range, color=OBSERVER, lw=1.5, ls="--", label="range")
     axes.set_xlabel("time, s")
     axes.set_ylabel("m")
+    axes.set_title("for the emitter of this episode")
     axes.grid(alpha=0.3, which="both")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False)
