@@ -97,6 +97,19 @@ def line_covariance(pulses: int, spacing: float, at: float = 0.0) -> Array:
     return np.array([[1.0 / pulses + lever**2 * rate, lever * rate], [lever * rate, rate]])
 
 
+def independent_offset(pulses: int, spacing: float) -> float:
+    """How far from mid-beat, s, the two values of a line lie whose errors are uncorrelated: ``Δt √((K² − 1)/12)``.
+
+    Each has the variance 2/K of a pulse, and together they say all that value and rate say, so that a tracker can take
+    a whole line as two looks.
+
+    Raises:
+        InputError: fewer than two pulses, a spacing that is not finite and positive.
+    """
+    covariance = line_covariance(pulses, spacing, at=0.5)
+    return math.sqrt(covariance[0, 0] / covariance[1, 1])
+
+
 def start_value_loss(pulses: int) -> float:
     """Standard deviation of a line's value at the first pulse over that at mid-beat: ``√(2(2K − 1)/(K + 1))``.
 

@@ -1,1 +1,1 @@
-"""Five papers on passive localisation from fixed stations, reproduced claim by claim with the environment's own code."""
+"""Five papers on passive localisation from fixed stations, reproduced claim by claim in the environment itself."""

@@ -244,8 +244,8 @@ def _unknown_carrier(reproduction: Reproduction) -> None:
         "f0 unknown",
         words,
         holds(all(rank == 5 for _, rank, _ in found)),
-        "f0 stands inside H of eq. 14, so the paper's algebra treats it as known; here it is a state, unknown by 10 kHz, "
-        "and the rank is that of the Fisher rows",
+        "f0 stands inside H of eq. 14, so the paper's algebra treats it as known; here it is a state, unknown by "
+        "10 kHz, and the rank is that of the Fisher rows",
     )
 
 

@@ -15,9 +15,9 @@ from training.papers.reproduction import Reproduction
 _HEAD = """# Five papers, claim by claim
 
 Each paper studies passive localisation from fixed stations. Its simulations run here in the environment itself, with
-nobody at the helm, and every claim is put beside what came out: *reproduced*, *reproduced-if* a condition holds that the
-paper does not state, or *not-reproducible*, with the measured reason. Where a fixed station is blind, a table sets it
-beside observers that move. All numbers on this page were written by
+nobody at the helm, and every claim is put beside what came out: *reproduced*, *reproduced-if* a condition holds that
+the paper does not state, or *not-reproducible*, with the measured reason. Where a fixed station is blind, a table sets
+it beside observers that move. All numbers on this page were written by
 
 ```sh
 {command}
