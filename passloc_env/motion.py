@@ -178,7 +178,7 @@ class ReversingAcceleration(Motion):
     reversal: Number = quantity("when the acceleration changes sign", unit="s", at_least=0)
 
     def propagate(self, state: Array, layout: StateLayout, period: float, time: Array) -> Array:
-        """The state ``(n, N)`` one period after ``time``: before the reversal, and what is left of the step after it."""
+        """The state ``(n, N)`` one period after ``time``: up to the reversal, and what is left of the step after."""
         before = np.minimum(np.maximum(self.reversal - time, 0.0), period)
         turns = (time < self.reversal) & (self.reversal <= time + period)
         moved = _accelerated(state, layout, before)

@@ -7,7 +7,6 @@ bound. The same path is then asked what it would have told about emitters elsewh
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import cast
 
 import numpy as np
 
@@ -90,7 +89,7 @@ class Survey:
     @property
     def gramian(self) -> Array:
         """Fisher information of the first measurement's state, without prior and process noise ``(n, n)``."""
-        return cast(Array, gramian(self.rows, self.dynamics.transition.matrix)[..., 0])
+        return gramian(self.rows, self.dynamics.transition.matrix)[..., 0]
 
     def rank(self, tolerance: float = 1e-9) -> RankReport:
         """Rank, condition and weakest direction of the record, the state in units of the prior's deviations."""

@@ -2,8 +2,8 @@
 
 Two accelerate (1a, 1b), two turn (2a, 2b), each in a way the tracker knows. A fixed station follows 1a and 2a, but is
 blind to the range of 1b, which runs along the line of sight, and nearly blind to that of 2b, which circles the station.
-Flown by the policy ``stationary`` they are the paper's simulations; an observer that moves sees all four. They are single
-fixed cases, meant for judging.
+Flown by the policy ``stationary`` they are the paper's simulations; an observer that moves sees all four. They are
+single fixed cases, meant for judging.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A vessel with two arrays a kilometre apart hears an accelerating emitter: paper 003 with a vessel that may turn.
 
-Two bearings cross, unless the emitter lies on the line through both arrays: there they agree whatever the range. Turning
-the vessel turns its baseline. The emitter starts from rest and accelerates; half of the vessels begin with their baseline
-pointing straight at it, and four in nine of the emitters come straight in.
+Two bearings cross, unless the emitter lies on the line through both arrays: there they agree whatever the range.
+Turning the vessel turns its baseline. The emitter starts from rest and accelerates; half of the vessels begin with
+their baseline pointing straight at it, and four in nine of the emitters come straight in.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Two satellites hear an aircraft by interferometers and the time difference: paper 001 with bodies that may turn.
 
-The paper takes attitude errors as fresh at every pulse. A real one stays: 0.05° of misalignment is 9.4° of phase and half
-a kilometre on the ground, in every look the same. Here it is an unknown constant of each body, estimated along with the
-emitter. As long as the bodies point down, a misalignment and a displaced emitter look alike; turning the body about the
+The paper takes attitude errors as fresh at every pulse. A real one stays: 0.05° of misalignment is 9.4° of phase and
+most of a kilometre on the ground, in every look the same. Here it is an unknown constant of each body, estimated along
+with the emitter. As long as the bodies point down, a misalignment and a displaced emitter look alike; turning the body about the
 line to the Earth moves the one and not the other.
 """
 
