@@ -17,6 +17,7 @@ from passloc_env.fields import abstract, quantity
 from passloc_env.information import Information, sigma_along
 from passloc_env.layout import StateLayout
 from passloc_env.lazy import lazy
+from passloc_env.linalg import inner
 from passloc_env.metrics import log_range_bound, nees, relative_range_error
 from passloc_env.sightline import Scene
 
@@ -27,6 +28,7 @@ class Outcome:
     Attributes:
         scene: the true emitter seen from the true poses.
         own_ship: index of the platform from which range and line of sight are taken.
+        commanded: the platforms that must keep away from the emitter.
         mean, covariance: the tracker's belief in ``layout``.
         information: the bound.
         action: the action in force ``(a, N)``.
@@ -37,6 +39,7 @@ class Outcome:
         self,
         scene: Scene,
         own_ship: int,
+        commanded: tuple[int, ...],
         mean: Array,
         covariance: Array,
         layout: StateLayout,
@@ -45,7 +48,7 @@ class Outcome:
         min_range: float,
     ) -> None:
         self.scene, self.pose = scene, scene.poses[own_ship]
-        self._sightline = scene.sightline(own_ship)
+        self._sightline, self._commanded = scene.sightline(own_ship), commanded
         self.mean, self.covariance, self.layout = mean, covariance, layout
         self.information, self.action, self.min_range = information, action, min_range
 
@@ -53,6 +56,14 @@ class Outcome:
     def range(self) -> Array:
         """True range ``(N,)``, m."""
         return self._sightline.range
+
+    @lazy
+    def closest(self) -> Array:
+        """True range of the nearest commanded platform ``(N,)``, m."""
+        nearest, *others = (self.scene.sightline(platform).range for platform in self._commanded)
+        for other in others:
+            nearest = np.minimum(nearest, other)
+        return nearest
 
     @lazy
     def range_sigma(self) -> Array:
@@ -85,8 +96,8 @@ class Outcome:
 
     @lazy
     def violated(self) -> BoolArray:
-        """Whether the true range is below ``min_range`` ``(N,)``."""
-        return self.range < self.min_range
+        """Whether any commanded platform is closer than ``min_range`` ``(N,)``."""
+        return self.closest < self.min_range
 
 
 @abstract
@@ -138,6 +149,20 @@ class TrackingError(RewardTerm):
 
 
 @dataclass(frozen=True, kw_only=True)
+class PositionError(RewardTerm):
+    """``−min(|p̂ − p| / scale, 1)``, for emitters whose range means little."""
+
+    name = "position_error"
+    weight: float = quantity("weight", 1.0)
+    scale: float = quantity("error that counts as one", unit="m", above=0)
+
+    def score(self, outcome: Outcome) -> Array:
+        """Minus the error of the estimate in units of the scale, at most one."""
+        error = np.sqrt(inner(outcome.position_error, outcome.position_error))
+        return -np.minimum(error / self.scale, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class KeepOut(RewardTerm):
     """A bounded push away from the minimum range: 0 outside the margin, −1 at and inside ``min_range``."""
 
@@ -148,8 +173,8 @@ class KeepOut(RewardTerm):
     def score(self, outcome: Outcome) -> Array:
         """The ramp between ``min_range (1 + margin)`` and ``min_range``."""
         if outcome.min_range == 0.0:
-            return np.zeros(outcome.range.shape)
-        depth = (1.0 + self.margin - outcome.range / outcome.min_range) / self.margin
+            return np.zeros(outcome.closest.shape)
+        depth = (1.0 + self.margin - outcome.closest / outcome.min_range) / self.margin
         return -np.minimum(np.maximum(depth, 0.0), 1.0)
 
 

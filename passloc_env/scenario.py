@@ -132,6 +132,12 @@ class Scenario(Component):
         """The platform that the line of sight is drawn from: the first that can be commanded."""
         return next((i for i, platform in enumerate(self.platforms) if platform.controls), 0)
 
+    @cached_property
+    def commanded(self) -> tuple[int, ...]:
+        """The platforms that must keep away from the emitter: all that can be commanded, or else the own ship."""
+        moving = tuple(i for i, platform in enumerate(self.platforms) if platform.controls)
+        return moving or (self.own_ship,)
+
     @property
     def action_size(self) -> int:
         """Number of action components of all platforms together."""
@@ -172,6 +178,7 @@ class Scenario(Component):
             raise error.inside("prior") from None
 
     def _check_models(self) -> None:
+        self.tracker.check(self.sensors, self.dimension)
         for where, motion in (("tracker", self.tracker.motion), ("bound", self.bound.motion)):
             if not motion.model:
                 allowed = "is known to the truth alone; a model needs another motion"

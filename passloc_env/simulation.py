@@ -170,6 +170,7 @@ class Simulation:
         return Outcome(
             scene=scene,
             own_ship=self.scenario.own_ship,
+            commanded=self.scenario.commanded,
             mean=self.track.mean,
             covariance=self.track.covariance,
             layout=self.models.tracker.layout,

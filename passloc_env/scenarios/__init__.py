@@ -15,6 +15,7 @@ from passloc_env.scenarios.bearing_doppler_cases import (
     BEARING_DOPPLER_2B,
 )
 from passloc_env.scenarios.bearings_only import BEARINGS_ONLY, BEARINGS_ONLY_FAR
+from passloc_env.scenarios.cross_fix import CROSS_FIX
 from passloc_env.scenarios.dual_array import DUAL_ARRAY
 from passloc_env.scenarios.dual_satellite import DUAL_SATELLITE
 from passloc_env.scenarios.own_ship import OWN_SHIP_MODERATE, OWN_SHIP_SEVERE
@@ -36,6 +37,7 @@ SCENARIOS: dict[str, Scenario] = {
         RADIAL_ACCELERATION,
         DUAL_ARRAY,
         DUAL_SATELLITE,
+        CROSS_FIX,
     )
 }
 """All registered scenarios by name."""

@@ -2,8 +2,8 @@
 
 The paper takes attitude errors as fresh at every pulse. A real one stays: 0.05° of misalignment is 9.4° of phase and
 most of a kilometre on the ground, in every look the same. Here it is an unknown constant of each body, estimated along
-with the emitter. As long as the bodies point down, a misalignment and a displaced emitter look alike; turning the body about the
-line to the Earth moves the one and not the other.
+with the emitter. As long as the bodies point down, a misalignment and a displaced emitter look alike; turning the body
+about the line to the Earth moves the one and not the other.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """An aircraft that hears bearings and radial accelerations: paper 002 with an observer that may move.
 
 The range's second derivative, ``v_⊥²/r`` for an emitter on a straight track, betrays the range of everything that
-crosses the line of sight. An emitter that comes straight in has none and is invisible to a fixed station; the observer's own
-way across the line of sight brings it back. A seventh of the emitters do just that.
+crosses the line of sight. An emitter that comes straight in has none and its range is hidden from a fixed station; the
+observer's own way across the line of sight brings it back. A seventh of the emitters do just that.
 """
 
 from __future__ import annotations

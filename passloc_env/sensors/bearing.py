@@ -24,6 +24,14 @@ class Bearing(Sensor):
     detection_probability: Number = quantity("chance that a measurement is made", 1.0, above=0, at_most=1)
     noise_law: str = option("how its errors are distributed", "gaussian", ("gaussian", "uniform"))
 
+    @property
+    def mean_squared_sine(self) -> Number:
+        """``E sin² δ`` of its error δ: ``(1 − e^{−2σ²})/2``, or ``(1 − sin(2h)/(2h))/2`` for uniform errors up to h."""
+        if self.noise_law == "uniform":
+            doubled = 2.0 * np.sqrt(3.0) * self.sigma
+            return 0.5 * (1.0 - np.sin(doubled) / doubled)
+        return 0.5 * (1.0 - np.exp(-2.0 * np.square(self.sigma)))
+
     def measure(self, scene: Scene) -> Array:
         """``θ (1, …, N)``."""
         bearing: Array = scene.sightline(self.platform, self.lever_arm).bearing[None]

@@ -5,6 +5,8 @@ from passloc_env.tracking.ekf import ExtendedKalman
 from passloc_env.tracking.filterpy_tracker import FilterPyTracker
 from passloc_env.tracking.height_prior import HeightPrior
 from passloc_env.tracking.initialisation import CoursePrior, Prior, RangePrior, StatePrior
+from passloc_env.tracking.place_prior import PlacePrior
+from passloc_env.tracking.recursive_cross_fix import RecursiveCrossFix
 from passloc_env.tracking.scattered_prior import ScatteredPrior
 from passloc_env.tracking.tracker import Track, Tracker
 from passloc_env.tracking.ukf import UnscentedKalman
@@ -15,8 +17,10 @@ __all__ = [
     "ExtendedKalman",
     "FilterPyTracker",
     "HeightPrior",
+    "PlacePrior",
     "Prior",
     "RangePrior",
+    "RecursiveCrossFix",
     "ScatteredPrior",
     "StatePrior",
     "Track",

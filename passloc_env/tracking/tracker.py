@@ -14,6 +14,7 @@ from passloc_env.layout import StateLayout
 from passloc_env.motion import Motion
 from passloc_env.platforms import Pose
 from passloc_env.sensor_suite import SensorSuite
+from passloc_env.sensors import Sensor
 
 
 @dataclass
@@ -30,6 +31,9 @@ class Tracker(Component):
     """Base of tracker configurations."""
 
     motion: Motion
+
+    def check(self, sensors: tuple[Sensor, ...], dimension: int) -> None:
+        """Raise ScenarioError when the tracker does not fit the scenario."""
 
     def build(self, models: Models, environments: int) -> Track:
         """The running tracker of ``environments`` environments."""

@@ -36,6 +36,9 @@ def short() -> Callable[[str], Overrides]:
                 "episode.min_range": closest,
                 "target.start.range": _uniform(1.02 * closest, 1.4 * closest),
             }
+        elif name == "CrossFix":
+            # Vehicles start on the edges of a square of 1 km, the emitter 100 m or more from them.
+            changes["episode.min_range"] = 250.0
         elif isinstance(start, CartesianStart):
             # Straight in: whoever flies at it meets the limit, whoever flies away does not.
             away, speed = math.hypot(*start.position), math.hypot(*start.velocity)

@@ -228,7 +228,7 @@ def _accuracy(kind: str, pulses: Record) -> tuple[str, ...]:
 def _processing(reproduction: Reproduction, pulses: Record) -> None:
     """Pulse against beat, and where in the beat the line is asked."""
     found: dict[str, Errors] = {"per pulse": pulses.tracked}
-    times: Array = _PERIOD * np.arange(1, len(pulses.measurements) + 1)
+    times = np.arange(1, len(pulses.measurements) + 1, dtype=np.float64) * _PERIOD
     every_pulse = Looks(times, pulses.measurements, pulses.attitudes, 1.0)
     cost = {"per pulse": _seconds(lambda: track_looks(pulses, every_pulse, every=10))}
     for label, beat in _BEATS.items():
