@@ -22,11 +22,10 @@ from passloc_env.linalg import (
     log_determinant,
     matmul,
     matvec,
-    nearest_positive_definite,
+    mend,
     row_gram,
     solve_lower,
     transpose,
-    unsound,
 )
 from passloc_env.sensor_suite import SensorSuite
 
@@ -80,9 +79,7 @@ class Information:
 
     def _repair(self) -> None:
         """Undo what cancellation does when a measurement is some 10⁷ times sharper than what was known before."""
-        flat = self.covariance.reshape(*self.covariance.shape[:2], -1)
-        broken = unsound(flat) & np.isfinite(flat).all(axis=(0, 1))
-        flat[..., broken] = nearest_positive_definite(flat[..., broken])
+        mend(self.covariance.reshape(*self.covariance.shape[:2], -1))
 
     def state_arrays(self) -> dict[str, np.ndarray]:
         """Everything that makes up its state, by name, batch axis last."""

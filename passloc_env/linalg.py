@@ -141,6 +141,13 @@ def nearest_positive_definite(matrix: Array) -> Array:
     return result
 
 
+def mend(matrix: Array) -> BoolArray:
+    """Make those of ``(n, n, N)`` positive definite, in place, that are finite and not so; which they were ``(N,)``."""
+    broken = unsound(matrix) & np.isfinite(matrix).all(axis=(0, 1))
+    matrix[..., broken] = nearest_positive_definite(matrix[..., broken])
+    return broken
+
+
 def solve_lower(lower: Array, right: Array) -> Array:
     """``L⁻¹ B`` by forward substitution: ``(m, m, …)`` into ``(m, k, …)``; ``right`` is overwritten and returned."""
     for i in range(len(lower)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from passloc_env.arrays import Array, BoolArray
-from passloc_env.linalg import cholesky, inner, solve_lower
+from passloc_env.linalg import cholesky, inner, mend, solve_lower
 
 LOST_ERROR = 1.0
 """A track whose relative range error ends above this is lost."""
@@ -27,8 +27,16 @@ def log_range_bound(range_sigma: Array, true_range: Array) -> Array:
 
 
 def nees(error: Array, covariance: Array) -> Array:
-    """Normalised estimation error squared ``eᵀ P⁻¹ e`` for ``(n, N)``, ``(n, n, N)``; n on average when consistent."""
-    whitened = solve_lower(cholesky(covariance).lower, error[:, None].copy())[:, 0]
+    """Normalised estimation error squared ``eᵀ P⁻¹ e`` for ``(n, N)``, ``(n, n, N)``; n on average when consistent.
+
+    Covariances that rounding has spoilt count as the nearest positive definite ones.
+    """
+    lower, sound = cholesky(covariance)
+    if not sound:
+        mended = covariance.copy()
+        mend(mended)
+        lower, _ = cholesky(mended)
+    whitened = solve_lower(lower, error[:, None].copy())[:, 0]
     return inner(whitened, whitened)
 
 

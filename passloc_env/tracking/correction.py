@@ -7,12 +7,11 @@ import numpy as np
 from passloc_env.arrays import Array, BoolArray
 from passloc_env.linalg import (
     cholesky_above,
-    nearest_positive_definite,
+    mend,
     row_gram,
     solve_lower,
     transpose,
     tree_sum,
-    unsound,
 )
 from passloc_env.tracking.tracker import Track
 
@@ -43,10 +42,7 @@ def correct(
 def repair(track: Track) -> None:
     """Make covariances that rounding has spoilt positive definite again, and count it."""
     # What is not finite stays so: the innovation will show it, and the simulation begins that track anew.
-    finite = np.isfinite(track.covariance).all(axis=(0, 1))
-    broken = unsound(track.covariance) & finite
-    track.covariance[..., broken] = nearest_positive_definite(track.covariance[..., broken])
-    track.repairs[broken] += 1
+    track.repairs[mend(track.covariance)] += 1
 
 
 def _ignore_missing(right: Array, covariance: Array, detected: BoolArray) -> None:

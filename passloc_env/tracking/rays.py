@@ -97,7 +97,7 @@ class Rays:
         return cls(sine, cosine, sine * east + cosine * north, cosine * east - sine * north, centre, weight)
 
     def only(self, there: BoolArray) -> Rays:
-        """The same without the rays that are not ``there (M, N)``: they get no direction, and no point is behind them."""
+        """The same without the rays that are not ``there (M, N)``: without direction, and with no point behind them."""
         sine, cosine, aside = (np.where(there, array, 0.0) for array in (self.sine, self.cosine, self.aside))
         return Rays(sine, cosine, np.where(there, self.ahead, -1.0), aside, self.centre, self.weight)
 

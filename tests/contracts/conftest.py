@@ -48,7 +48,7 @@ def short() -> Callable[[str], Overrides]:
         elif isinstance(start, GeodeticStart):
             # Ahead of the satellites and to starboard; these come nearer by 7 km a second.
             changes["target.start.latitude"] = _uniform(math.radians(28.0), math.radians(31.0))
-            changes["episode.min_range"] = 830e3
+            changes["episode.min_range"] = 770e3
         else:
             raise AssertionError(f"say how to begin {name} close to the emitter")
         return changes

@@ -38,16 +38,22 @@ def flights_at(size, seed):
 
 
 def head_on(name):
-    """Overrides that let the emitter come from 2 km away, straight through the observer."""
+    """Overrides that let the emitter come from 2 km away, straight through the observer, or wait to be driven over."""
     start = SCENARIOS[name].target.start
-    changes = {"episode.min_range": 0.0}
+    changes = {"episode.min_range": 0.0, "episode.decision_every": 1}
+    if name == "CrossFix":
+        return changes | {"target.start.position": [100.0, 0.0], "platforms.0.position": [0.0, 0.0]}
     if isinstance(start, PolarStart):
         line = {"target.start.bearing": 0.3, "target.start.course": 0.3 + math.pi, "target.start.speed": 100.0}
         return changes | line | {"target.start.range": 2e3}
-    shrink = 2e3 / math.hypot(*start.position)
     speed = math.hypot(*start.velocity)
-    here = [shrink * axis for axis in start.position]
-    return changes | {"target.start.position": here, "target.start.velocity": [-speed * axis / 2e3 for axis in here]}
+    # Aircraft that accelerate or turn as they come must be near, or they would bend away.
+    distance = min(2e3, 5.0 * speed) if speed > 50.0 else 2e3
+    towards = [-axis / math.hypot(*start.position) for axis in start.position]
+    return changes | {
+        "target.start.position": [-distance * axis for axis in towards],
+        "target.start.velocity": [speed * axis for axis in towards],
+    }
 
 
 def assert_finite(env, result):
@@ -100,7 +106,7 @@ def test_extreme_actions(name, early_end):
 
 
 @pytest.mark.parametrize("early_end", [True, False])
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", [name for name in SCENARIOS if name != "DualSatellite"])
 def test_emitters_that_pass_through(name, early_end):
     repairs, closest = soak(name, flights_at, **head_on(name), **{"episode.early_end": early_end})
     assert early_end or closest < 400.0
