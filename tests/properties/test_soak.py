@@ -51,6 +51,7 @@ def head_on(name):
     distance = min(2e3, 5.0 * speed) if speed > 50.0 else 2e3
     towards = [-axis / math.hypot(*start.position) for axis in start.position]
     return changes | {
+        "platforms.0.heading": math.atan2(*start.position),
         "target.start.position": [-distance * axis for axis in towards],
         "target.start.velocity": [speed * axis for axis in towards],
     }
