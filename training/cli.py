@@ -52,6 +52,10 @@ def _list(arguments: List) -> None:
         pace = f"{scenario.episode.duration:5.0f} s, decides every {scenario.episode.interval:g} s"
         console.print(f"{environment_id(name):39s} {sensors:16s} {pace}", highlight=False, soft_wrap=True)
     console.print(f"rules: {', '.join(RULE_NAMES)}", highlight=False)
+    if arguments.pages is not None:
+        from training.scenario_pages import write_pages
+
+        write_pages(arguments.pages)
 
 
 def _train(arguments: Train) -> None:

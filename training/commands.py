@@ -17,7 +17,11 @@ class List:
 
     Examples:
         passloc list
+        passloc list --pages docs/scenarios
     """
+
+    pages: Path | None = None
+    """Also write a page about every scenario into this folder; pages that are there are replaced."""
 
 
 @dataclass(frozen=True)

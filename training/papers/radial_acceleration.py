@@ -26,10 +26,11 @@ from passloc_env.target import PolarStart
 from passloc_env.tracking import ScatteredPrior, UnscentedKalman
 from passloc_env.tracking.radial_acceleration import solve_track
 from passloc_env.units import DEGREE, KILOMETRE
+from training.papers.comparison import HEADINGS, MOVING, fixed_against_moving, row
 from training.papers.monte_carlo import History, run
 from training.papers.reproduction import Reproduction, Verdict, holds
 from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
-from training.statistics import Bootstrap, Estimate, rate, root_mean_square
+from training.statistics import Bootstrap, Estimate, root_mean_square
 
 _RANGE = 200 * KILOMETRE
 _ANGLES, _SPEEDS = (0.0, 45.0, 60.0), (200.0, 350.0)
@@ -38,12 +39,8 @@ _LONG = 900
 _STUCK, _CONVERGED = 0.8, 0.05
 """An error that keeps four fifths of what it was does not converge; one below 5 % of the range has."""
 
-_CRITERIA = (
-    "criterion: converged when the RMS of the relative range error ends below 5 % of the range, not converging when it "
-    "ends above 80 % of what it began with"
-)
+_CRITERIA = "converged: RMS below 5 % of the range at the end; not converging: above 80 % of what it began with"
 _EFFICIENT = (0.9, 1.25)
-_MOVERS = ("stationary", "straight", "circle", "zigzag", "perpendicular", "fly-at")
 _COLOURS = {0.0: EMITTER, 45.0: OBSERVER, 60.0: ESTIMATE}
 _WIDTHS = {200.0: 1.1, 350.0: 2.4}
 
@@ -62,7 +59,7 @@ class Setting:
         return f"φ = {self.angle:g}°, {self.speed:g} m/s"
 
     def scenario(self, steps: int = _END) -> Scenario:
-        """The registered scenario with this target, due north at 200 km, and the paper's prior."""
+        """The registered scenario with this target, which starts due north at 200 km, and the assumed prior."""
         course = self.angle + (0.0 if self.receding else 180.0)
         return SCENARIOS["RadialAcceleration"].override(
             {
@@ -93,7 +90,9 @@ def reproduce(reproduction: Reproduction) -> None:
     _converging(reproduction, paper, long)
     _orders(reproduction, paper, long)
     _against_the_bound(reproduction, paper, long)
-    _fixed_against_moving(reproduction, runs)
+    for blind in settings[: len(_SPEEDS)]:
+        title = f"{blind.label}, blind for a fixed station: fixed against moving at 200 to 250 m/s"
+        fixed_against_moving(reproduction, title, blind.scenario(), runs, (*MOVING, "fly-at"))
     _draw_scene(reproduction)
     _draw_errors(reproduction, paper)
 
@@ -101,7 +100,7 @@ def reproduce(reproduction: Reproduction) -> None:
 def _random_tracks(tracks: int = 1000, period: float = 60.0) -> Array:
     """``D, L, v`` ``(3, N)`` of tracks that cross the line of sight, 100 m to 1000 km away and 0.5 m/s to 33 km/s fast.
 
-    In a period they go a third of a range or more, so that the rows of neighbouring looks differ in floats as well.
+    In a period they go a tenth of the range or more, so that the rows of neighbouring looks differ in floats as well.
     """
     rng = np.random.default_rng(0)
     size = 10.0 ** rng.uniform(2.0, 6.0, tracks)
@@ -156,8 +155,8 @@ def _degree(reproduction: Reproduction) -> None:
         f"{np.exp(logarithm):.4f}, sin^{power:.4f}",
         holds(_largest(exact / printed - 1.0) < 1e-3),
         f"φ of 5° to 85°, vT/r = 1e-6; 18 sin⁷φ holds to {deviation:.0e}. As printed, 60° would be "
-        f"{printed[flat] / printed[steep]:.0f} times worse than 45°; it is {exact[steep] / exact[flat]:.1f} times better, "
-        "as the paper's text says",
+        f"{printed[flat] / printed[steep]:.0f} times worse than 45°; it is {exact[steep] / exact[flat]:.1f} times "
+        "better, as the paper's text says",
     )
 
 
@@ -168,17 +167,17 @@ def _three_accelerations(reproduction: Reproduction) -> None:
     error = _largest((found.state - np.stack([np.abs(d), along, v])) / np.stack([np.abs(d), np.hypot(d, along), v]))
     # What three looks are worth with the paper's noise, in its best setting and spread over the whole record.
     speed, aspect, period = 350.0, 60.0 * DEGREE, 150.0
-    truth = np.array([_RANGE * np.sin(aspect), 2.0 * period * speed - _RANGE * np.cos(aspect), speed])[:, None]
+    truth = np.array([[_RANGE * np.sin(aspect)], [2.0 * period * speed - _RANGE * np.cos(aspect)], [speed]])
     noise = 0.1 * np.random.default_rng(0).standard_normal((3, 10_000))
-    noisy = solve_track(_accelerations(*truth, period, (2, 1, 0)) + noise, period)
+    noisy = solve_track(_accelerations(truth[0], truth[1], truth[2], period, (2, 1, 0)) + noise, period)
     off = np.hypot(*noisy.state[:2, noisy.sound]) / np.hypot(*truth[:2]) - 1.0
     reproduction.claim(
         "Conclusion 1: three radial accelerations determine |D|, L and v of a track that is not radial",
         "uniquely",
         f"closed form, largest relative error {error:.0e}",
         holds(bool(found.sound.all()) and error < 1e-6),
-        "1000 random tracks without noise, 60 s between looks. Not a way to locate: with 0.1 m/s², φ = 60°, 350 m/s and "
-        f"looks 150 s apart {noisy.sound.mean():.0%} of {noise.shape[1]} draws have a solution, its range off by "
+        "1000 random tracks without noise, 60 s between looks. Not a way to locate: with 0.1 m/s², φ = 60°, 350 m/s "
+        f"and looks 150 s apart {noisy.sound.mean():.0%} of {noise.shape[1]} draws have a solution, its range off by "
         f"{np.median(np.abs(off)):.0%} in the median; filters live on many looks together",
     )
 
@@ -197,7 +196,7 @@ def _two_looks(reproduction: Reproduction) -> None:
         "uniquely",
         f"closed form, largest relative error {largest:.0e}",
         holds(largest < 1e-6),
-        "1000 random tracks without noise on both sides, 60 s between looks, less than half a turn of the bearing",
+        "1000 random tracks without noise, on both sides, 60 s between looks",
     )
 
 
@@ -219,7 +218,7 @@ def track_of_two_looks(bearings: Array, accelerations: Array, period: float) -> 
     turn = np.angle(np.exp(1j * (bearings[1] - bearings[0])))
     ratio = np.cbrt(accelerations[1] / accelerations[0])
     before = (np.cos(turn) - ratio) / np.sin(turn)
-    # ψ₁ by the addition theorem loses digits near a right angle; the same elimination from the other end does not.
+    # tan ψ₁ by the same elimination from the other end: the addition theorem would lose digits near a right angle.
     after = (1.0 / ratio - np.cos(turn)) / np.sin(turn)
     side = np.sign(turn)
     secant = np.hypot(1.0, after)
@@ -248,7 +247,7 @@ def _blind(reproduction: Reproduction, paper: Histories, long: Histories) -> Non
             "does not converge",
             kept,
             holds(min(kept.value, bound, metres) >= _STUCK),
-            f"{_CRITERIA}; inbound, {_END} s. The bound's ratio is {bound:.2f}, that of the RMS in metres {metres:.2f}: "
+            f"{_CRITERIA}; inbound, {_END} s. The bound's ratio is {bound:.2f}, the RMS in metres' {metres:.2f}: "
             "most of the growth is the shrinking range. Receding, the relative RMS falls with the growing range alone, "
             f"to {_percent(leaving.relative_rms[-1])} after {_LONG} s; in metres it grows to "
             f"{leaving.rms()[-1] / leaving.rms()[0]:.1f} times its start",
@@ -313,45 +312,15 @@ def _against_the_bound(reproduction: Reproduction, paper: Histories, long: Histo
     rows = []
     for setting, history in paper.items():
         inside = "yes" if low <= history.efficiency[-1] <= high else "no"
-        rows.append((setting.label, *_marks(history), inside if setting.angle else "not observable"))
-    title = f"The unscented filter against the bound after {_END} s, inbound"
-    reproduction.table(title, ("target", *_MARKS, f"{low}–{high}?"), rows)
+        rows.append((*row(setting.label, history), inside if setting.angle else "not observable"))
+    title = f"The fixed station after {_END} s, inbound"
+    reproduction.table(title, ("target", *HEADINGS[1:], f"RMS / bound in {low}–{high}"), rows)
     later = [
-        (setting.label, "receding" if setting.receding else "inbound", *_marks(history))
+        row(f"{setting.label}, {'receding' if setting.receding else 'inbound'}", history)
         for setting, history in long.items()
     ]
-    title = f"The same after {_LONG} s, inbound and receding; an inbound target at φ = 0° flies at the station"
-    reproduction.table(title, ("target", "course", *_MARKS), later)
-
-
-def _fixed_against_moving(reproduction: Reproduction, runs: int) -> None:
-    """The blind case flown by observers that may move, at the scenario's 200 to 250 m/s."""
-    rows = []
-    for speed, policy in product(_SPEEDS, _MOVERS):
-        scenario = Setting(0.0, speed).scenario()
-        history = run(scenario, runs, reproduction.seed, policy)
-        violations = rate(history.range.min(axis=0) < scenario.episode.min_range)
-        rows.append((f"{speed:g} m/s", policy, *_marks(history), _percent(violations.value)))
-    reproduction.table(
-        f"φ = 0°, blind for a fixed station, with an observer that may move, after {_END} s",
-        ("target", "observer", *_MARKS, "closer than 10 km"),
-        rows,
-    )
-
-
-_MARKS = ("RMS error", "bound", "RMS/bound (95 %)", "ANEES (95 % band)", "lost")
-
-
-def _marks(history: History) -> tuple[str, ...]:
-    """The columns of :data:`_MARKS` at the end of the runs; errors relative to the range."""
-    ratio, anees = _ratio(history.error[-1], history.bound[-1]), history.end_anees
-    return (
-        _percent(history.relative_rms[-1]),
-        _percent(history.relative_bound[-1]),
-        f"{ratio.value:.2f} ({ratio.low:.2f}–{ratio.high:.2f})",
-        f"{anees.value:.3g} ({anees.low:.2f}–{anees.high:.2f})",
-        _percent(history.lost),
-    )
+    title = f"The fixed station after {_LONG} s; an inbound target at φ = 0° flies at the station"
+    reproduction.table(title, ("target", *HEADINGS[1:]), later)
 
 
 def _percent(share: float) -> str:

@@ -1,0 +1,129 @@
+"""One page per scenario, written from the scenario itself: nothing on it is typed twice."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import itertools
+import pkgutil
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import passloc_env.scenarios
+from agents import default_policies
+from passloc_env.component import Component, specs
+from passloc_env.distributions import Distribution
+from passloc_env.fields import Part, Parts
+from passloc_env.scenario import Scenario
+from passloc_env.scenarios import SCENARIOS, environment_id
+from passloc_env.spaces import action_space, observation_names
+
+
+def write_pages(folder: Path) -> list[Path]:
+    """Write ``NAME.md`` for every scenario and an index; what was written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    index = folder / "index.md"
+    index.write_text(index_page(), encoding="utf-8")
+    written = [index]
+    for name, scenario in SCENARIOS.items():
+        path = folder / f"{name}.md"
+        path.write_text(page(scenario), encoding="utf-8")
+        written.append(path)
+    return written
+
+
+def index_page() -> str:
+    """All scenarios in one table."""
+    rows: list[tuple[str, ...]] = [
+        (
+            f"[`{environment_id(name)}`]({name}.md)",
+            _words(scenario)[1],
+            ", ".join(dict.fromkeys(type(sensor).__name__ for sensor in scenario.sensors)),
+            f"{scenario.episode.duration:g} s",
+            str(scenario.action_size),
+        )
+        for name, scenario in SCENARIOS.items()
+    ]
+    return f"# Scenarios\n\n{_table(('id', 'what', 'sensors', 'episode', 'actions'), rows)}"
+
+
+def page(scenario: Scenario) -> str:
+    """Story, actions, observation, rewards, ends, and every number of a scenario."""
+    episode = scenario.episode
+    keep_out = f"entering {episode.min_range:g} m of the emitter" if episode.min_range else "nothing but a lost track"
+    parts = [
+        f"# {environment_id(scenario.name)}",
+        *_words(scenario),
+        "## Actions",
+        f"`Box(-1, 1, {action_space(scenario).shape}, float32)`, one decision each {episode.interval:g} s: "
+        + "; ".join(_commands(scenario)),
+        "## Observation",
+        "The belief in the frame of its own line of sight, float32, each feature within ±10: "
+        + ", ".join(f"{name}" for name in observation_names(scenario))
+        + ".",
+        "## Rewards",
+        _table(("term", "weight"), [(term.name, f"{term.weight:g}") for term in scenario.reward]),
+        "## Episode end",
+        f"*Truncated* after {episode.steps} measurements ({episode.duration:g} s). *Terminated* by {keep_out}, or when "
+        f"the relative error exceeds {episode.lost_error:g}.",
+        "## Rules that fly it",
+        ", ".join(f"`{name}`" for name in default_policies(scenario)),
+        "## Everything it is made of",
+        _table(("field", "value", "unit", "meaning"), list(_fields(scenario, ""))),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _words(scenario: Scenario) -> tuple[str, str]:
+    """The docstring of the file that defines the scenario, and the line below its definition."""
+    for module in pkgutil.iter_modules(passloc_env.scenarios.__path__, "passloc_env.scenarios."):
+        loaded = import_module(module.name)
+        names = [name for name, value in vars(loaded).items() if value is scenario]
+        if names:
+            body = ast.parse(inspect.getsource(loaded)).body
+            for statement, below in itertools.pairwise(body):
+                if ast.unparse(statement).startswith(f"{names[0]} = ") and isinstance(below, ast.Expr):
+                    return inspect.cleandoc(loaded.__doc__ or ""), ast.literal_eval(below.value)
+    raise LookupError(f"no file defines and describes {scenario.name}")
+
+
+def _commands(scenario: Scenario) -> Iterator[str]:
+    for index, platform in enumerate(scenario.platforms):
+        if platform.controls == 1:
+            control = getattr(platform, "control", "command")
+            yield f"platform {index}: {'heading relative to the line of sight' if control == 'heading' else control}"
+        elif platform.controls:
+            yield f"platform {index}: body rates (roll, pitch, yaw)"
+
+
+def _fields(component: Component, where: str) -> Iterator[tuple[str, str, str, str]]:
+    """Every field of a component and its parts: dotted name, value, unit, meaning."""
+    for name, spec in specs(type(component)).items():
+        value, path = getattr(component, name), f"{where}{name}"
+        if isinstance(spec, Part):
+            yield f"**{path}**", f"**{type(value).__name__}**", "", spec.doc
+            yield from _fields(value, f"{path}.")
+        elif isinstance(spec, Parts):
+            for index, item in enumerate(value):
+                yield f"**{path}.{index}**", f"**{type(item).__name__}**", "", spec.doc
+                yield from _fields(item, f"{path}.{index}.")
+        else:
+            yield path, _value(value), spec.unit, spec.doc
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Distribution):
+        settings = ((field.name, getattr(value, field.name)) for field in dataclasses.fields(value))  # type: ignore[arg-type]
+        inside = ", ".join(f"{name}={_value(setting)}" for name, setting in settings if setting is not False)
+        return f"{type(value).__name__}({inside})"
+    if isinstance(value, tuple):
+        return ", ".join(map(_value, value)) or "–"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    lines = [headings, tuple(":--" for _ in headings), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
