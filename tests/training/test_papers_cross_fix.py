@@ -54,8 +54,8 @@ def test_trials_are_those_of_the_paper() -> None:
 
 
 def test_claims(made: Reproduction) -> None:
-    assert len(made.claims) == 13
-    assert len({claim.claim for claim in made.claims}) == 13
+    assert len(made.claims) == 15
+    assert len({claim.claim for claim in made.claims}) == 15
     for claim in made.claims:
         assert claim.paper == "cross-fix"
         assert claim.assumption
@@ -100,7 +100,8 @@ def test_what_agrees_with_the_paper(share: float, agrees: bool) -> None:
 
 
 def test_tables(made: Reproduction) -> None:
-    methods, lengths = made.tables
+    moving, methods, lengths = made.tables
+    assert [row[0] for row in moving.rows][:2] == ["stationary, the paper's fix", "stationary"]
     assert [row[0] for row in methods.rows if "paper" not in row[0]] == [m.name for m in METHODS + YARDSTICKS]
     by_name = {row[0]: row[1:] for row in methods.rows}
     for name, expected in STUDY.items():
@@ -131,7 +132,7 @@ def test_a_single_trial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(cross_fix, "_TIMED", 10)
     single = Reproduction("cross-fix", tmp_path, runs=1)
     reproduce(single)
-    assert len(single.claims) == 13
+    assert len(single.claims) == 15
     assert claim_about(single, "more accurate")[1] is Verdict.NOT_REPRODUCIBLE
 
 

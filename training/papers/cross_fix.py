@@ -21,6 +21,7 @@ from passloc_env.tracking.cross_fix import (
     positive_range_least_squares,
     tangent_least_squares,
 )
+from training.papers.moving_cross_fix import reproduce_in_the_environment
 from training.papers.reproduction import Reproduction, Verdict, holds
 from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
 from training.statistics import Estimate, rate
@@ -142,6 +143,8 @@ def reproduce(reproduction: Reproduction) -> None:
     _claim_negative_ranges(reproduction, trials)
     _claim_equivalence(reproduction, trials)
     _claim_time(reproduction, times)
+    row = tuple(share.value for share in _row(errors[RAYS.name]))
+    reproduce_in_the_environment(reproduction, row, len(errors[RAYS.name]))
     _tabulate(reproduction, errors, times)
     _tabulate_lengths(reproduction, errors)
     _draw_curves(reproduction, errors)

@@ -164,9 +164,9 @@ def _plain_after_the_origin(reproduction: Reproduction, plain: History, guesses:
         plain.relative_rms_at(_END),
         holds(plain.relative_rms[-1] < _CONVERGED),
         f"{_SETTINGS}. {_CRITERIA}. Reason: the emitter passes while the filter is {after[0]:.1f} km wrong (RMS); it "
-        "takes the half turn of the bearing for a move across by kilometres, is thrown "
-        f"{after.max():.0f} km off, and {plain.lost:.0%} of the runs end lost. A better first guess does not help: "
-        + ", ".join(f"{sigma:g} m leave {history.lost:.0%} lost" for sigma, history in guesses.items()),
+        f"takes the half turn of the bearing for a move across by kilometres, is thrown {after.max():.0f} km off, "
+        f"and {100 * plain.lost:.0f} % of the runs end lost. A better first guess does not save it: "
+        + ", ".join(f"{sigma:g} m leave {100 * history.lost:.0f} % lost" for sigma, history in guesses.items()),
     )
     first = [(f"{sigma:g} m", history) for sigma, history in ((1000.0, plain), *guesses.items())]
     reproduction.table(
@@ -186,7 +186,7 @@ def _aware_after_the_origin(reproduction: Reproduction, aware: History) -> None:
         _only_if(end.value < _CONVERGED),
         f"{_SETTINGS}. {_CRITERIA}; {aware.error.shape[1]} runs. Only if the filter takes a bearing turned right round "
         f"for a passage of the array: RMS {aware.rms()[-1]:.0f} m, median {np.median(aware.error[-1]):.0f} m, "
-        f"{aware.lost:.1%} lost, where the bound is {aware.bound[-1].mean():.0f} m, for no Fisher matrix sees a jump",
+        f"{100 * aware.lost:.1f} % lost. The bound is {aware.bound[-1].mean():.0f} m: no Fisher matrix sees a jump",
     )
 
 

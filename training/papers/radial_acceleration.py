@@ -177,8 +177,8 @@ def _three_accelerations(reproduction: Reproduction) -> None:
         f"closed form, largest relative error {error:.0e}",
         holds(bool(found.sound.all()) and error < 1e-6),
         "1000 random tracks without noise, 60 s between looks. Not a way to locate: with 0.1 m/s², φ = 60°, 350 m/s "
-        f"and looks 150 s apart {noisy.sound.mean():.0%} of {noise.shape[1]} draws have a solution, its range off by "
-        f"{np.median(np.abs(off)):.0%} in the median; filters live on many looks together",
+        f"and looks 150 s apart {_percent(noisy.sound.mean())} of {noise.shape[1]} draws have a solution, its range "
+        f"off by {_percent(np.median(np.abs(off)))} in the median; filters live on many looks together",
     )
 
 
@@ -259,14 +259,17 @@ def _converging(reproduction: Reproduction, paper: Histories, long: Histories) -
     for angle, speed in product(_ANGLES[1:], _SPEEDS):
         end = paper[Setting(angle, speed)].relative_rms_at(_END)
         leaving = long[Setting(angle, speed, receding=True)]
-        away = leaving.relative_rms[leaving.at(_END)]
+        then = leaving.at(_END)
+        # Whether it holds further is read off the bound, which is the same in all runs.
+        away = leaving.relative_bound[then]
         reproduction.claim(
             f"φ = {angle:g}°, {speed:g} m/s: the error converges (RMS of the relative range error after {_END} s)",
             "converges",
             end,
             _verdict(end.value < _CONVERGED, away < _CONVERGED),
-            f"{_CRITERIA}; inbound, {_END} s. Receding, the signal falls with the range and the error ends at "
-            f"{_percent(away)} after {_END} s and {_percent(leaving.relative_rms[-1])} after {_LONG} s",
+            f"{_CRITERIA}; inbound, {_END} s. Receding, the signal falls with the range: the bound ends at "
+            f"{_percent(away)} and the RMS at {_percent(leaving.relative_rms[then])}, after {_LONG} s at "
+            f"{_percent(leaving.relative_bound[-1])} and {_percent(leaving.relative_rms[-1])}",
         )
 
 
@@ -280,7 +283,7 @@ def _orders(reproduction: Reproduction, paper: Histories, long: Histories) -> No
         ratio = _ratio(*(paper[setting].relative_error[-1] for setting in pair))
         inbound = _reversal(*(long[setting] for setting in pair))
         receding = _reversal(*(long[replace(setting, receding=True)] for setting in pair))
-        reason = "" if inbound is None else "; then the 45° track is past its closest approach, which is the closer one"
+        reason = "" if inbound is None else "; about then the 45° track passes closest, and closer"
         reproduction.claim(
             f"{claim} (ratio of the RMS errors after {_END} s)",
             "below 1",
