@@ -27,6 +27,12 @@ WORLDS = SCENARIOS | {
             "sensors": [Bearing(sigma=0.01), Bearing(sigma=0.01, platform=1)],
         }
     ),
+    "the own ship between two stations": Scenario().override(
+        {
+            "platforms": [STATION, Scenario().platforms[0], FixedStation(position=(-4e3, 7e3))],
+            "sensors": [Bearing(sigma=0.01, platform=platform) for platform in range(3)],
+        }
+    ),
     "acceleration": Scenario().override({"tracker.motion": ConstantAcceleration(acceleration_noise=0.1)}),
     "space": Scenario().override(
         {
@@ -58,7 +64,15 @@ def moved(belief: Belief, plane: np.ndarray, action: float = 1.0) -> Belief:
         belief,
         mean=whole @ belief.mean,
         covariance=np.einsum("ia,abN,jb->ijN", whole, belief.covariance, whole),
-        poses=[Pose(axes @ p.position, axes @ p.velocity, axes @ p.acceleration) for p in belief.poses],
+        poses=[
+            Pose(
+                axes @ p.position,
+                axes @ p.velocity,
+                axes @ p.acceleration,
+                np.einsum("ab,ibN->iaN", axes, p.attitude),
+            )
+            for p in belief.poses
+        ],
         last_action=action * belief.last_action,
     )
 
@@ -133,6 +147,67 @@ def test_features_by_hand() -> None:
     }
     for name, value in expected.items():
         assert features[name] == pytest.approx(value, abs=1e-12), name
+
+
+def test_names_say_whose_place_and_whose_body_it_is(simulation: Simulation) -> None:
+    """Places relative to the own ship in units of the range, and body axes, by their coordinates along the line of
+    sight, to starboard of it and upward."""
+    belief, d = simulation.belief, simulation.belief.layout.dimension
+    named = dict(zip(observation_names(simulation.scenario), simulation.observe(), strict=True))
+    along = belief.line_of_sight
+    across = np.stack([along[1], -along[0], *np.zeros((d - 2, ENVIRONMENTS))])
+    across /= np.linalg.norm(across, axis=0)
+    axes = {"along": along, "across": across}
+    if d == 3:
+        axes["up"] = np.cross(across, along, axis=0)
+    expected: dict[str, np.ndarray] = {}
+    own = belief.poses[belief.own_ship].position
+    for index, (platform, pose) in enumerate(zip(belief.platforms, belief.poses, strict=True)):
+        for axis, unit in axes.items():
+            if index != belief.own_ship:
+                offset = pose.position - own
+                expected[f"platform {index} offset {axis}"] = (unit * offset).sum(axis=0) / belief.range
+            if platform.steers_body:
+                for row in range(d):
+                    expected[f"platform {index} body axis {row} {axis}"] = (unit * pose.attitude[row]).sum(axis=0)
+    found = {name for name in named if " offset " in name or " body axis " in name}
+    assert found == set(expected)
+    for name, values in expected.items():
+        np.testing.assert_allclose(named[name], values, atol=1e-9, err_msg=name)  # a few ulp
+
+
+def test_bodies_that_turn_show_it_and_others_do_not(begin: Callable[..., Simulation]) -> None:
+    """A yaw keeps the down axis, and after a quarter of a turn forward has become starboard."""
+    scenario = SCENARIOS["DualSatellite"].override({"episode.period": 9.0})
+    pointing, turned = begin(scenario), begin(scenario)
+    pointing.step(np.zeros((6, 1)))
+    turned.step(np.array([[0.0], [0.0], [1.0], [0.0], [0.0], [0.0]]))  # 5 steps of 9 s at 2°/s
+    axes = ("along", "across", "up")
+
+    def body(seen: Simulation, platform: int, row: int) -> np.ndarray:
+        pose = seen.belief.poses[platform]
+        towards = line_of_sight_axes(seen.belief.line_of_sight)
+        named = dict(zip(observation_names(scenario), seen.observe()[:, 0], strict=True))
+        values = np.array([named[f"platform {platform} body axis {row} {axis}"] for axis in axes])
+        np.testing.assert_allclose(towards[..., 0] @ pose.attitude[row, :, 0], values, atol=1e-9)
+        unturned: np.ndarray = towards[..., 0].T @ values
+        return unturned
+
+    for row, (old, sign) in enumerate([(1, 1.0), (0, -1.0), (2, 1.0)]):
+        np.testing.assert_allclose(body(turned, 0, row), sign * body(pointing, 0, old), atol=1e-9)
+        np.testing.assert_allclose(body(turned, 1, row), body(pointing, 1, row), atol=1e-9)
+    flat = observation_names(scenario.override({"platforms.1.max_body_rate": 0.0}))
+    assert {name[:10] for name in flat if "body axis" in name} == {"platform 0"}
+
+
+def test_agents_see_the_attitude_that_is_reported(begin: Callable[..., Simulation]) -> None:
+    scenario = SCENARIOS["DualSatellite"].override({"platforms.0.attitude_bias_sigma": 0.3})
+    simulation = begin(scenario)
+    named = dict(zip(observation_names(scenario), simulation.observe()[:, 0], strict=True))
+    values = [named[f"platform 0 body axis 0 {axis}"] for axis in ("along", "across", "up")]
+    axes, true = line_of_sight_axes(simulation.belief.line_of_sight)[..., 0], simulation.poses()[0]
+    np.testing.assert_allclose(axes.T @ values, simulation.belief.poses[0].attitude[0, :, 0], atol=1e-9)
+    assert np.abs(axes.T @ values - true.attitude[0, :, 0]).max() > 0.05
 
 
 @pytest.mark.parametrize("name", ["mean", "covariance", "last_action"])

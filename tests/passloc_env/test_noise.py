@@ -19,7 +19,16 @@ from passloc_env.simulation import Simulation
 from passloc_env.tracking import Prior, StatePrior
 
 FALSE_ALARM = 1e-3
-SIZES = NoiseSizes(uniforms=6, prior=3, nuisances=2, steps=20, measurement=2, process=4, detection=2)
+SIZES = NoiseSizes(
+    uniforms=6,
+    prior=3,
+    nuisances=2,
+    steps=20,
+    measurement=2,
+    process=4,
+    detection=2,
+    navigation=((2, 1), (0, 0), (1, 3)),
+)
 KINDS = {
     "uniforms": "uniform",
     "prior": "norm",
@@ -27,8 +36,13 @@ KINDS = {
     "measurement": "norm",
     "process": "norm",
     "detection": "uniform",
+    "constant_errors": "norm",
+    "fresh_errors": "norm",
 }
 """What there is, and its law."""
+
+NOT_SIZES = {"constant_errors", "fresh_errors"}
+"""Kinds that have no size of their own: platforms say how many of each they need."""
 
 
 def drawn(sizes: NoiseSizes, environments: int = 1, first_seed: int = 0) -> EpisodeNoise:
@@ -48,11 +62,29 @@ def test_noise_does_not_depend_on_the_batch(kind: str) -> None:
 
 
 @pytest.mark.parametrize("size", [0, 9])
-@pytest.mark.parametrize("changed", KINDS)
+@pytest.mark.parametrize("changed", sorted(KINDS.keys() - NOT_SIZES))
 def test_one_kind_of_noise_never_shifts_another(changed: str, size: int) -> None:
     before, after = drawn(SIZES).state_arrays(), drawn(replace(SIZES, **{changed: size})).state_arrays()
     for kind in KINDS.keys() - {changed}:
         np.testing.assert_array_equal(after[kind], before[kind])
+
+
+@pytest.mark.parametrize("navigation", [(), ((0, 0),), ((9, 0),), ((0, 9),), ((4, 4), (4, 4))])
+def test_navigation_errors_never_shift_other_noise(navigation: tuple[tuple[int, int], ...]) -> None:
+    before, after = drawn(SIZES).state_arrays(), drawn(replace(SIZES, navigation=navigation)).state_arrays()
+    for kind in KINDS.keys() - NOT_SIZES:
+        np.testing.assert_array_equal(after[kind], before[kind])
+
+
+@pytest.mark.parametrize("uniform", [(0,), (1,), (0, 1)])
+def test_uniform_errors_never_shift_other_noise(uniform: tuple[int, ...]) -> None:
+    """Not even that of the measurements that stay normal."""
+    before, after = drawn(SIZES).state_arrays(), drawn(replace(SIZES, uniform=uniform)).state_arrays()
+    for kind in KINDS.keys() - {"measurement"}:
+        np.testing.assert_array_equal(after[kind], before[kind])
+    same = after["measurement"] == before["measurement"]
+    np.testing.assert_array_equal(same.all(axis=(0, 2)), [row not in uniform for row in range(2)])
+    np.testing.assert_array_equal(same.any(axis=(0, 2)), [row not in uniform for row in range(2)])
 
 
 def test_a_longer_episode_begins_like_a_shorter_one() -> None:
@@ -64,7 +96,7 @@ def test_a_longer_episode_begins_like_a_shorter_one() -> None:
 def test_an_episode_takes_the_same_from_its_generator_whatever_it_needs() -> None:
     """So that the second episode does not depend on the length or noise of the first."""
     states = []
-    for sizes in (SIZES, replace(SIZES, steps=500, process=0, uniforms=99)):
+    for sizes in (SIZES, replace(SIZES, steps=500, process=0, uniforms=99, navigation=(), uniform=(0,))):
         generator = np.random.default_rng(0)
         EpisodeNoise(sizes, 1).draw(0, generator)
         states.append(generator.bit_generator.state)
@@ -100,7 +132,10 @@ def test_kinds_and_environments_are_uncorrelated() -> None:
     assert np.abs(correlation).max() < level
 
 
-@pytest.mark.parametrize("kinds", [("prior", "nuisances", "measurement", "process"), ("uniforms", "detection")])
+NORMAL = tuple(kind for kind, law in KINDS.items() if law == "norm")
+
+
+@pytest.mark.parametrize("kinds", [NORMAL, ("uniforms", "detection")])
 def test_no_number_is_used_twice(kinds: tuple[str, ...]) -> None:
     """Not even between kinds of the same law, where it would hide in the shapes."""
     arrays = drawn(replace(SIZES, steps=200), 3).state_arrays()
@@ -115,6 +150,45 @@ def test_each_environment_is_read_at_its_own_step() -> None:
         found = getattr(noise, kind)(steps)
         expected = np.stack([arrays[kind][step, :, column] for column, step in enumerate(steps)], axis=-1)
         np.testing.assert_array_equal(found, expected)
+
+
+def test_navigation_errors_go_to_their_platforms() -> None:
+    """Constant ones the same at every step, fresh ones of each environment's own step, in any choice of them."""
+    noise, steps = drawn(SIZES, 3), np.array([0, 7, SIZES.steps])
+    arrays = noise.state_arrays()
+    fresh = np.stack([arrays["fresh_errors"][step, :, column] for column, step in enumerate(steps)], axis=-1)
+    for columns in (slice(None), np.array([2, 0])):
+        first, second, third = noise.navigation(steps, columns)
+        np.testing.assert_array_equal(first.constant, arrays["constant_errors"][:2, columns])
+        np.testing.assert_array_equal(first.fresh, fresh[:1, columns])
+        assert second.constant.shape[0] == second.fresh.shape[0] == 0
+        np.testing.assert_array_equal(third.constant, arrays["constant_errors"][2:, columns])
+        np.testing.assert_array_equal(third.fresh, fresh[1:, columns])
+    again = noise.navigation(steps - steps)
+    np.testing.assert_array_equal(again[0].constant, arrays["constant_errors"][:2])
+
+
+def test_what_nobody_needs_takes_no_room() -> None:
+    bare = drawn(replace(SIZES, navigation=((0, 0), (0, 0))), 3)
+    arrays = bare.state_arrays()
+    assert arrays["constant_errors"].size == arrays["fresh_errors"].size == 0
+    for errors in bare.navigation(np.zeros(3, int)):
+        assert (errors.constant.shape, errors.fresh.shape) == ((0, 3), (0, 3))
+    assert drawn(replace(SIZES, navigation=())).navigation(np.zeros(1, int)) == []
+
+
+def test_uniform_errors_are_uniform_with_unit_variance() -> None:
+    """Within ± √3, against the law itself, and their mean square against one: its variance is 0.8/n."""
+    sizes = replace(SIZES, steps=200, uniform=(1,))
+    normal, uniform = np.moveaxis(drawn(sizes, 100).state_arrays()["measurement"], 1, 0)
+    assert np.abs(uniform).max() <= np.sqrt(3.0)
+    root = np.sqrt(3.0)
+    assert stats.kstest(uniform.ravel(), stats.uniform(-root, 2.0 * root).cdf).pvalue > FALSE_ALARM
+    assert stats.kstest(uniform[:, 0], stats.uniform(-root, 2.0 * root).cdf).pvalue > FALSE_ALARM
+    level = stats.norm.isf(FALSE_ALARM / 2)
+    assert abs(np.mean(np.square(uniform)) - 1.0) < level * np.sqrt(0.8 / uniform.size)
+    correlation = np.corrcoef(normal.ravel(), uniform.ravel())[0, 1]
+    assert abs(correlation) < level / np.sqrt(uniform.size)
 
 
 def test_measurements_reach_the_last_step() -> None:
@@ -191,3 +265,27 @@ def test_detections_happen_with_their_probability(begin: Callable[..., Simulatio
     _, detected = simulation.measure(simulation.scene())
     assert detected is not None
     assert stats.binomtest(int(detected.sum()), detected.size, 0.3).pvalue > FALSE_ALARM
+
+
+def test_uniform_errors_are_no_other_numbers_in_disguise() -> None:
+    """Turned back to [0, 1], none of them is a draw for a quantity or a detection: 14 digits, one in 10¹⁰ by chance."""
+    arrays = drawn(replace(SIZES, steps=200, uniform=(0, 1)), 3).state_arrays()
+    shares = (arrays["measurement"] / np.sqrt(12.0) + 0.5).ravel().round(14)
+    assert len(np.unique(shares)) == len(shares)
+    for kind in ("uniforms", "detection"):
+        assert not np.isin(shares, arrays[kind].ravel().round(14)).any()
+
+
+def test_bearings_with_uniform_errors_stay_within_their_limits(begin: Callable[..., Simulation]) -> None:
+    """√3 standard deviations, all over; the Doppler beside them keeps its errors to the last bit."""
+    base = SCENARIOS["BearingDoppler"]
+    plain, uniform = begin(base, 2000), begin(base.override({"sensors.0.noise_law": "uniform"}), 2000)
+    errors = [
+        seen.models.suite.difference(seen.measure(scene := seen.scene())[0], seen.models.suite.measure(scene))
+        for seen in (plain, uniform)
+    ]
+    limit = np.sqrt(3.0) * 3e-3
+    assert np.abs(errors[1][0]).max() <= limit * (1.0 + 1e-9)
+    assert stats.kstest(errors[1][0], stats.uniform(-limit, 2.0 * limit).cdf).pvalue > FALSE_ALARM
+    np.testing.assert_array_equal(errors[1][1], errors[0][1])
+    np.testing.assert_array_equal(uniform.truth, plain.truth)

@@ -11,12 +11,13 @@ from passloc_env.dynamics import Dynamics
 from passloc_env.information import Information
 from passloc_env.layout import StateLayout
 from passloc_env.motion import ConstantAcceleration, ConstantVelocity
-from passloc_env.platforms import PlanarPose
-from passloc_env.rewards import ControlEffort, GramGain, KeepOut, Outcome, RangeBound, TrackingError
+from passloc_env.platforms import FixedStation, PlanarPose, Pose, TurnLimitedPlatform
+from passloc_env.rewards import ControlEffort, GramGain, KeepOut, Outcome, PositionError, RangeBound, TrackingError
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.sightline import Scene
 from passloc_env.simulation import Simulation
+from passloc_env.target import CartesianStart
 
 MIN_RANGE = 1e3
 OWN = np.array([[500.0], [100.0]])
@@ -41,7 +42,7 @@ def outcome(distance: float = 5e3, bearing: float = 2.0, turn_rate: float = 0.0,
         "action": np.zeros((1, 1)),
         "min_range": MIN_RANGE,
     }
-    return Outcome(**{**values, **changes})
+    return Outcome(**{"commanded": (0,), **values, **changes})
 
 
 def test_range_bound_is_seen_along_the_true_line_of_sight() -> None:
@@ -57,6 +58,15 @@ def test_gram_gain_is_the_information_gained() -> None:
 @pytest.mark.parametrize(("distance", "expected"), [(5e3, -0.1), (1e3, -0.5), (100.0, -1.0)])
 def test_tracking_error_is_capped_at_one(distance: float, expected: float) -> None:
     assert TrackingError().score(outcome(distance))[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("scale", "expected"), [(1e4, -0.05), (1e3, -0.5), (500.0, -1.0), (100.0, -1.0)])
+@pytest.mark.parametrize("distance", [5e3, 100.0])
+def test_position_error_counts_in_its_scale_and_is_capped_at_one(
+    distance: float, scale: float, expected: float
+) -> None:
+    """The estimate is 500 m off, wherever the emitter is."""
+    assert PositionError(scale=scale).score(outcome(distance))[0] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -82,6 +92,46 @@ def test_control_effort_is_the_square_of_the_turn_rate(turn_rate: float) -> None
 def test_outcome_nees_and_violation() -> None:
     assert outcome().nees[0] == pytest.approx(300.0**2 / 1e4 + 400.0**2 / 4e4 + 1.0 + 1.0)
     assert [outcome(distance).violated[0] for distance in (999.0, 1001.0)] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("commanded", "closest"), [((0,), 5e3), ((1,), 900.0), ((0, 1), 900.0), ((1, 2, 0), 900.0), ((0, 2), 2e3)]
+)
+def test_the_nearest_commanded_platform_must_keep_away(commanded: tuple[int, ...], closest: float) -> None:
+    """Range and line of sight stay the own ship's."""
+    alone = outcome()
+    emitter = alone.scene.state[:2]
+    others = [Pose(emitter + np.array([[0.0], [away]]), np.zeros((2, 1))) for away in (900.0, -2e3)]
+    scene = Scene(alone.scene.state, StateLayout(), [*alone.scene.poses, *others])
+    state = outcome(scene=scene, commanded=commanded)
+    assert state.closest[0] == pytest.approx(closest)
+    assert state.violated[0] == (closest < MIN_RANGE)
+    assert KeepOut().score(state)[0] == (-1.0 if closest < MIN_RANGE else 0.0)
+    assert state.range[0] == pytest.approx(5e3)
+    assert state.range_sigma[0] == alone.range_sigma[0]
+
+
+def test_any_commanded_platform_may_violate_and_stations_may_not(begin: Callable[..., Simulation]) -> None:
+    """Two aircraft and a station at the emitter's door: only the second aircraft comes too close, at 3.5 s."""
+    aircraft = TurnLimitedPlatform(position=(0.0, 20e3), heading=math.pi, speed=200.0, max_turn_rate=0.05)
+    changes: dict[str, Any] = {
+        "target.start": CartesianStart(position=(0.0, 0.0), velocity=(0.0, 0.0)),
+        "platforms": (
+            FixedStation(position=(10.0, 10.0)),
+            aircraft,
+            TurnLimitedPlatform(position=(5.7e3, 0.0), heading=-math.pi / 2, speed=200.0, max_turn_rate=1e-9),
+        ),
+        "episode.min_range": 5e3,
+        "episode.decision_every": 1,
+        "sensors.0.platform": 1,
+    }
+    simulation = begin(Scenario().override(changes))
+    flags = []
+    for _ in range(8):
+        simulation.step(np.zeros((2, 1)))
+        flags.append((bool(simulation.violated[0]), bool(simulation.terminated[0])))
+    assert simulation.outcome.closest[0] == pytest.approx(5.7e3 - 8 * 200.0)
+    assert flags == [(False, False)] * 3 + [(True, True)] * 5
 
 
 def test_nees_compares_what_truth_and_tracker_share() -> None:

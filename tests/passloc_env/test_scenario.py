@@ -51,6 +51,12 @@ STATION = {"platforms": [FixedStation(position=(0.0, 0.0))]}
             "2 axes like the position",
             id="3-D velocity",
         ),
+        pytest.param(
+            {"target.start": {"type": "CartesianStart", "position": [1, 2], "velocity": [1, 2], "acceleration": [1]}},
+            "target.start.acceleration",
+            "be empty or have 2 axes like the position",
+            id="1-D acceleration",
+        ),
         pytest.param({"prior.sensor": 1}, "prior.sensor", "index of a Bearing sensor; here [0]", id="no such sensor"),
         pytest.param(
             {"sensors": [Doppler(sigma=1.0, carrier=1e9)]},
@@ -91,6 +97,15 @@ STATION = {"platforms": [FixedStation(position=(0.0, 0.0))]}
             "episode.min_range",
             "start range, 5000 m",
             id="starts inside, by axis",
+        ),
+        pytest.param(
+            {
+                "target.start": CartesianStart(position=(30e3, 0), velocity=(0, 0)),
+                "platforms": [TurnLimitedPlatform(position=(x, 4e3), speed=1, max_turn_rate=1) for x in (0, 27e3)],
+            },
+            "episode.min_range",
+            "start range, 5000 m",
+            id="another commanded platform starts inside",
         ),
         pytest.param(
             {"platforms.0.max_turn_rate": math.inf, "platforms.0.control": "turn_rate"},

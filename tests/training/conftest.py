@@ -1,0 +1,44 @@
+"""What the tests of the command line share."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+Said = tuple[int, str, str]
+
+
+@pytest.fixture
+def passloc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
+    """Runs a command in this process and a folder of its own: its status, standard output and standard error."""
+    from training import cli
+
+    monkeypatch.chdir(tmp_path)
+    for module in ("progress", "observe", "reproduce"):
+        monkeypatch.setattr(f"training.{module}.console", Console(width=200))
+
+    def passloc(*words: str) -> Said:
+        try:
+            status = cli.main(list(words))
+        except SystemExit as exit_:
+            status = int(exit_.code or 0)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return passloc
+
+
+@pytest.fixture
+def refused(passloc: Callable[..., Said]) -> Callable[..., str]:
+    """Runs a command that must fail before it does anything: the one line on standard error."""
+
+    def refused(*words: str) -> str:
+        status, out, err = passloc(*words)
+        assert (status, out) == (2, "")
+        assert err.startswith("passloc: ")
+        assert err.count("\n") == 1
+        assert err.endswith("\n")
+        return err
+
+    return refused
