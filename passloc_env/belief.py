@@ -101,12 +101,12 @@ class BeliefFeatures(Component):
     acceleration_scale: float = quantity("acceleration that counts as one", 1.0, unit="m/s²", above=0)
     nuisance_scale: float = quantity("nuisance standard deviation that counts as one", 1.0, above=0)
 
-    def names(self, layout: StateLayout, platforms: tuple[Platform, ...]) -> tuple[str, ...]:
+    def names(self, layout: StateLayout, platforms: tuple[Platform, ...], own_ship: int) -> tuple[str, ...]:
         """The name of each feature, in order."""
         axes = ("along", "across", "up")[: layout.dimension]
         derivatives = ("position", "velocity", "acceleration")[: layout.order + 1]
         states = [f"{derivative} {axis}" for derivative in derivatives for axis in axes] + list(layout.nuisance)
-        others = [f"platform {p} offset {axis}" for p in range(1, len(platforms)) for axis in axes]
+        others = [f"platform {p} offset {axis}" for p in range(len(platforms)) if p != own_ship for axis in axes]
         bodies = [
             f"platform {p} body axis {row} {axis}"
             for p, platform in enumerate(platforms)

@@ -180,7 +180,9 @@ class ReversingAcceleration(Motion):
     def propagate(self, state: Array, layout: StateLayout, period: float, time: Array) -> Array:
         """The state ``(n, N)`` one period after ``time``: up to the reversal, and what is left of the step after."""
         before = np.minimum(np.maximum(self.reversal - time, 0.0), period)
-        turns = (time < self.reversal) & (self.reversal <= time + period)
+        # A billionth of a step of slack: two ways to write one instant differ in their last bits.
+        late = time + 1e-9 * period
+        turns = (late < self.reversal) & (self.reversal <= late + period)
         moved = _accelerated(state, layout, before)
         moved[layout.acceleration] *= np.where(turns, -1.0, 1.0)
         return _accelerated(moved, layout, period - before)

@@ -193,8 +193,9 @@ class Scenario(Component):
                 raise error.inside(f"{where}.motion") from None
 
     def _check_keep_out(self) -> None:
-        closest = _closest_start(self.target.start, self.platforms[self.own_ship])
-        if closest is not None and self.episode.min_range >= closest:
+        starts = [_closest_start(self.target.start, self.platforms[index]) for index in self.commanded]
+        closest = min((start for start in starts if start is not None), default=math.inf)
+        if self.episode.min_range >= closest:
             allowed = f"must be below the closest start range, {closest:g} m"
             raise ScenarioError("episode.min_range", self.episode.min_range, allowed)
 
@@ -260,9 +261,9 @@ class Scenario(Component):
         return dataclasses.replace(self, **fields)
 
 
-def _closest_start(start: Any, own_ship: Platform) -> float | None:
+def _closest_start(start: Any, platform: Platform) -> float | None:
     """The smallest possible initial range when it can be told without sampling."""
-    position = own_ship.position if isinstance(own_ship, (FixedStation, TurnLimitedPlatform)) else None
+    position = platform.position if isinstance(platform, (FixedStation, TurnLimitedPlatform)) else None
     if position is None or not all(isinstance(axis, float) for axis in position):
         return None
     if isinstance(start, PolarStart) and not any(position):

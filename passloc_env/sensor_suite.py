@@ -76,16 +76,20 @@ class SensorSuite:
         """Which scalars ``(m, N)`` are measured of true emitters ``(n, N)``; None when all are.
 
         Args:
-            scene: what hides an emitter from a platform hides it from its sensors.
+            scene: what hides an emitter from a platform hides it from its sensors; on top of one nothing is measured.
             uniforms: one draw per sensor ``(s, N)``, for sensors that may miss.
         """
         hidden = [pose.hidden(scene.state[scene.layout.position]) for pose in scene.poses]
-        if uniforms is None and all(mask is None for mask in hidden):
+        on_top = [np.logical_or.reduce([scene.sightline(*p).on_top for p in s.places]) for s in self.sensors]
+        touched = any(mask.any() for mask in on_top)
+        if uniforms is None and not touched and all(mask is None for mask in hidden):
             return None
         heard = np.ones((self.size, scene.state.shape[-1]), bool)
         for index, (sensor, rows) in enumerate(zip(self.sensors, self.rows, strict=True)):
             if uniforms is not None:
                 heard[rows] &= uniforms[index] < sensor.detection_probability
+            if touched:
+                heard[rows] &= ~on_top[index]
             for platform in sensor.platforms:
                 mask = hidden[platform]
                 if mask is not None:

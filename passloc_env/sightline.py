@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from passloc_env.angles import bearing_of
-from passloc_env.arrays import Array, Number
+from passloc_env.arrays import Array, BoolArray, Number
 from passloc_env.layout import StateLayout
 from passloc_env.lazy import lazy
 from passloc_env.linalg import inner
@@ -49,6 +49,12 @@ class Sightline:
     def range(self) -> Array:
         """Distance ``(…, N)``, m, at least a millimetre."""
         return distance(self.offset)
+
+    @lazy
+    def on_top(self) -> BoolArray:
+        """Whether the emitter is at the very place ``(…, N)``: then no direction exists, and nothing is measured."""
+        on_top: BoolArray = self.range <= _CLOSEST
+        return on_top
 
     @lazy
     def direction(self) -> Array:

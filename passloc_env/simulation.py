@@ -38,6 +38,7 @@ class Simulation:
         reward, reward_terms: of the last decision, ``(N,)`` and by name.
         violated: whether the true range has been below ``min_range`` in the last decision ``(N,)``.
         breached: the same since the episode began.
+        detected: which scalars ``(m, N)`` were measured in the last sensor step; None means all.
         watchers: called with the simulation after every sensor step.
     """
 
@@ -61,6 +62,7 @@ class Simulation:
         self.violated: BoolArray = np.zeros(n, bool)
         self.breached: BoolArray = np.zeros(n, bool)
         self.lost: BoolArray = np.zeros(n, bool)
+        self.detected: BoolArray | None = None
         self.watchers: list[Callable[[Simulation], None]] = []
 
     def step(self, action: Array) -> None:
@@ -83,13 +85,13 @@ class Simulation:
 
         scene = self.scene()
         reported = self.reported_poses(scene.poses)
-        measurement, detected = self.measure(scene)
+        measurement, self.detected = self.measure(scene)
         self.track.predict(time)
-        self.track.update(measurement, reported, detected)
+        self.track.update(measurement, reported, self.detected)
         self._restart_where_broken(measurement, reported)
 
         self.information.advance()
-        self._inform(scene, detected)
+        self._inform(scene, self.detected)
         self._score(scene)
         for watch in self.watchers:
             watch(self)

@@ -24,4 +24,4 @@ def action_space(scenario: Scenario) -> spaces.Box:
 def observation_names(scenario: Scenario) -> tuple[str, ...]:
     """The name of each observation feature, in order."""
     layout = state_layout(scenario, scenario.tracker.motion)
-    return scenario.observation.names(layout, scenario.platforms)
+    return scenario.observation.names(layout, scenario.platforms, scenario.own_ship)

@@ -72,7 +72,7 @@ class Survey:
         scene = simulation.bound_scene()
         self.path.append(self._poses(simulation))
         self._states.append(scene.state[:, 0].copy())
-        self._rows.append(fisher_rows(simulation.models.suite, scene))
+        self._rows.append(fisher_rows(simulation.models.suite, scene, simulation.detected))
         self._bounds.append(simulation.information.bound[..., 0].copy())
 
     @staticmethod

@@ -8,10 +8,11 @@ from typing import Any
 
 import yaml
 
-from passloc_env.errors import ScenarioError
+from passloc_env.errors import InputError, ScenarioError
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
 
+_PICTURES = (".png", ".svg", ".pdf", ".jpg")
 _FILES = (".yaml", ".yml", ".json")
 
 
@@ -47,6 +48,23 @@ def parse_overrides(settings: Sequence[str]) -> dict[str, Any]:
         except yaml.YAMLError:
             raise ScenarioError(name, value, "is not readable YAML") from None
     return overrides
+
+
+def check_seed(seed: int) -> None:
+    """InputError for a negative seed."""
+    if seed < 0:
+        raise InputError(f"seed = {seed} is not possible: must be at least 0")
+
+
+def picture_path(path: Path) -> Path:
+    """The path of a picture to write, checked like any other and to end as a picture does.
+
+    Raises:
+        InputError: another ending.
+    """
+    if path.suffix.lower() not in _PICTURES and not path.is_dir():
+        raise InputError(f"out = {str(path)!r} is not possible: must end in {', '.join(_PICTURES)}")
+    return free_path(path)
 
 
 def free_path(path: Path) -> Path:

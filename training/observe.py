@@ -12,7 +12,7 @@ from rich.table import Table
 from agents import find_policy
 from passloc_env.layout import StateLayout
 from passloc_env.survey import Survey
-from training.arguments import free_path, parse_overrides, read_scenario
+from training.arguments import check_seed, free_path, parse_overrides, picture_path, read_scenario
 from training.commands import Observe
 from training.observability_pictures import draw_survey
 from training.progress import console
@@ -27,6 +27,7 @@ _BLIND = 1e12
 def observe(arguments: Observe) -> Survey:
     """Fly one episode, say what it lets one know, and draw it."""
     scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
+    check_seed(arguments.seed)
     policy = find_policy(arguments.policy, scenario)
     results = None if arguments.json is None else free_path(arguments.json)
     picture = _picture(arguments.out, scenario.name, policy.name)
@@ -43,7 +44,7 @@ def observe(arguments: Observe) -> Survey:
 
 def _picture(wanted: Path | None, scenario: str, policy: str) -> Path:
     if wanted is not None:
-        return free_path(wanted)
+        return picture_path(wanted)
     folder = Path("runs") / "observe"
     folder.mkdir(parents=True, exist_ok=True)
     return folder / f"{scenario}-{policy.replace(' ', '-').replace('°', '')}.png"

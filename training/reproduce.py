@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 from passloc_env.errors import InputError
+from training.arguments import check_seed
 from training.commands import Reproduce
 from training.papers.catalogue import find_papers
 from training.papers.page import collect, save
@@ -19,8 +20,7 @@ def reproduce(arguments: Reproduce) -> list[Reproduction]:
     papers = find_papers(arguments.paper)
     if arguments.runs is not None and arguments.runs < 2:
         raise InputError(f"runs = {arguments.runs} is not possible: must be at least 2")
-    if arguments.seed < 0:
-        raise InputError(f"seed = {arguments.seed} is not possible: must be at least 0")
+    check_seed(arguments.seed)
     if arguments.out.exists() and not arguments.out.is_dir():
         raise NotADirectoryError(f"{arguments.out} is not a folder: name another one with --out")
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -30,10 +30,10 @@ def reproduce(arguments: Reproduce) -> list[Reproduction]:
         begun = time.perf_counter()
         reproduction = Reproduction(paper.name, arguments.out, arguments.runs, arguments.seed)
         paper.reproduce(reproduction)
-        save(reproduction, arguments.out)
+        save(reproduction, arguments.out, _command(arguments, paper.name))
         _print(reproduction, time.perf_counter() - begun)
         finished.append(reproduction)
-    for path in collect(arguments.out, _command(arguments)):
+    for path in collect(arguments.out):
         console.print(f"{path}", highlight=False, soft_wrap=True)
     return finished
 
@@ -46,8 +46,9 @@ def _print(reproduction: Reproduction, seconds: float) -> None:
     console.print(f"    {len(reproduction.claims)} claims in {seconds:.0f} s", highlight=False)
 
 
-def _command(arguments: Reproduce) -> str:
-    words = ["passloc reproduce", arguments.paper, "--out", arguments.out.as_posix()]
+def _command(arguments: Reproduce, paper: str) -> str:
+    """What to type to make one paper's part again."""
+    words = ["passloc reproduce", paper, "--out", arguments.out.as_posix()]
     if arguments.runs is not None:
         words += ["--runs", str(arguments.runs)]
     if arguments.seed:

@@ -18,11 +18,10 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from agents.agent_file import AgentFile
-from passloc_env.errors import InputError
 from passloc_env.sb3 import make_vec_env
 from passloc_env.scenario import Scenario
 from passloc_env.spaces import observation_names
-from training.arguments import new_folder, parse_overrides, read_scenario
+from training.arguments import check_seed, new_folder, parse_overrides, read_scenario
 from training.commands import Train
 from training.curve import CurveCallback
 from training.hyperparameters import Hyperparameters
@@ -68,8 +67,7 @@ def train(arguments: Train) -> Run:
     """
     scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
     parameters = _parameters(arguments, scenario)
-    if arguments.seed < 0:
-        raise InputError(f"seed = {arguments.seed} is not possible: must be at least 0")
+    check_seed(arguments.seed)
     # Whatever can be wrong with the overrides shall be said before there is a folder.
     scenario.override(parameters.overrides)
     folder = new_folder(arguments.out, f"{scenario.name}-{arguments.seed}")

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import numpy as np
 
-from passloc_env.arrays import Array
+from passloc_env.arrays import Array, BoolArray
 from passloc_env.errors import InputError
 from passloc_env.linalg import cholesky, log_determinant, matmul, row_gram, solve_lower, transpose
 from passloc_env.sensor_suite import SensorSuite
 from passloc_env.sightline import Scene
 
 
-def fisher_rows(suite: SensorSuite, scene: Scene) -> Array:
+def fisher_rows(suite: SensorSuite, scene: Scene, detected: BoolArray | None = None) -> Array:
     """The measurement Jacobian of a scene divided by the noise: ``R^{-1/2} H (m, n, N)``.
 
-    A simulation offers both, ``simulation.models.suite`` and ``simulation.bound_scene()``; stack what a watcher
-    collects to ``(K, m, n, N)``.
+    A simulation offers all three, ``simulation.models.suite``, ``simulation.bound_scene()`` and
+    ``simulation.detected``; stack what a watcher collects to ``(K, m, n, N)``.
+
+    Args:
+        suite: what is heard.
+        scene: true geometry.
+        detected: which scalars ``(m, N)`` were measured; rows of the others are zero. None means all.
     """
-    return solve_lower(cholesky(suite.noise_covariance).lower, suite.jacobian(scene))
+    jacobian = suite.jacobian(scene)
+    if detected is not None:
+        jacobian *= detected[:, None]
+    return solve_lower(cholesky(suite.noise_covariance).lower, jacobian)
 
 
 def observability_matrix(rows: Array, transition: Array) -> Array:

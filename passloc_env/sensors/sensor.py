@@ -34,9 +34,14 @@ class Sensor(Component):
     """``"gaussian"``, or ``"uniform"`` for errors that are equally likely within ``√3`` standard deviations."""
 
     @property
+    def places(self) -> tuple[tuple[int, tuple[Number, ...]], ...]:
+        """Where it listens, platform and lever arm; a time difference listens at two places."""
+        return ((self.platform, self.lever_arm),)
+
+    @property
     def platforms(self) -> tuple[int, ...]:
-        """The platforms it needs; a time difference needs two."""
-        return (self.platform,)
+        """The platforms it needs."""
+        return tuple(platform for platform, _ in self.places)
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:

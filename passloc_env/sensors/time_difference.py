@@ -30,9 +30,9 @@ class TimeDifference(Sensor):
             raise ScenarioError("other", self.other, "must be another platform, or another place on the same one")
 
     @property
-    def platforms(self) -> tuple[int, ...]:
+    def places(self) -> tuple[tuple[int, tuple[Number, ...]], ...]:
         """Both."""
-        return self.platform, self.other
+        return (self.platform, self.lever_arm), (self.other, self.other_lever_arm)
 
     def check(self, dimension: int) -> None:
         """The other lever arm has as many axes as the problem."""

@@ -9,11 +9,14 @@ import numpy as np
 from passloc_env.arrays import Array, Number
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import count, quantity
-from passloc_env.frames import cross, meet_height
+from passloc_env.frames import EARTH_RADIUS, cross, geodetic, local_axes, meet_height
 from passloc_env.linalg import diagonal, inner, matmul, row_gram, transpose
 from passloc_env.sensors import PhaseDifference, Sensor
 from passloc_env.sightline import Scene
 from passloc_env.tracking.initialisation import FirstLook, Prior, blank
+
+_STEEPEST = 0.999
+"""Sine of the angle from straight down beyond which phases are not believed: at one, they tell no direction."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,12 +26,14 @@ class HeightPrior(Prior):
     Two interferometers of one satellite give a direction; with the height it becomes a position. With ``G`` the
     gradients of both phases and of the height, ``P₁ = G⁻¹ diag(σ_A², σ_B², σ_h²) G⁻ᵀ``. Misalignments of the body enter
     the fix, so they and the position begin correlated. Where noise lets the direction miss the Earth, the fix is the
-    point of the line that lies nearest to the Earth's centre.
+    point of the line that lies nearest to the Earth's centre; where it grazes, the spread along it is the stretch that
+    lies within ``σ_h`` of the height, for there the height is no slope but a parabola.
     """
 
     height: Number = quantity("assumed height above the ellipsoid", unit="m")
     height_sigma: Number = quantity("standard deviation of the height", unit="m", above=0)
     velocity_sigma: Number = quantity("standard deviation of the velocity per axis", unit="m/s", above=0)
+    acceleration_sigma: Number = quantity("standard deviation of the acceleration per axis", 1.0, unit="m/s²", above=0)
     platform: int = count("index of the satellite that makes the fix", 0)
 
     def carrier_platform(self, sensors: tuple[Sensor, ...]) -> int:
@@ -59,10 +64,8 @@ class HeightPrior(Prior):
 
     def at_truth(self, look: FirstLook) -> Array:
         """The same covariance with the gradients taken at the truth."""
-        offset = look.truth[look.layout.position] - look.pose.position
-        towards = offset / np.sqrt(inner(offset, offset))
-        normal = meet_height(look.pose.position, towards, self.height).normal
-        return self._spread(look, look.truth, normal)
+        place = geodetic(look.truth[look.layout.position])
+        return self._spread(look, look.truth, local_axes(place.latitude, place.longitude)[2])
 
     def _direction(self, look: FirstLook) -> Array:
         """Unit vector ``(3, N)`` of the measured direction, taken to point below the satellite."""
@@ -70,17 +73,17 @@ class HeightPrior(Prior):
         for index, sensor in self._interferometers(look.suite.sensors):
             cosines[sensor.axis] = look.measurement[look.suite.rows[index].start] / sensor.radians_per_cosine
         across = np.sqrt(inner(cosines, cosines))
-        cosines /= np.maximum(across, 1.0)
-        cosines[2] = np.sqrt(np.maximum(1.0 - across * across, 0.0))
-        towards = matmul(transpose(look.pose.attitude), cosines[:, None])[:, 0]
-        return towards
+        cosines /= np.maximum(across / _STEEPEST, 1.0)
+        cosines[2] = np.sqrt(1.0 - np.square(np.minimum(across, _STEEPEST)))
+        return matmul(transpose(look.pose.attitude), cosines[:, None])[:, 0]
 
     def _spread(self, look: FirstLook, state: Array, normal: Array) -> Array:
         layout, nuisances = look.layout, look.layout.nuisances
-        _, covariance = blank(look, 0.0, state.shape[1])
+        _, covariance = blank(look, self.acceleration_sigma, state.shape[1])
         rows = [look.suite.rows[index].start for index, _ in self._interferometers(look.suite.sensors)]
         jacobian = look.suite.jacobian(Scene(state, layout, look.poses))[rows]
-        inverse = _inverse(np.concatenate([jacobian[:, layout.position], normal[None]]))
+        steep = self._steep(normal, state[layout.position] - look.pose.position)
+        inverse = _inverse(np.concatenate([jacobian[:, layout.position], steep[None]]))
         sigma = (*np.sqrt(diagonal(look.suite.noise_covariance)[rows]), np.asarray(self.height_sigma, float))
         position = row_gram(inverse * np.stack([np.broadcast_to(s, normal.shape[1:]) for s in sigma]))
         if layout.nuisance:
@@ -93,6 +96,12 @@ class HeightPrior(Prior):
         covariance[layout.position, layout.position] = position
         diagonal(covariance)[layout.velocity] = np.square(self.velocity_sigma)
         return covariance
+
+    def _steep(self, normal: Array, offset: Array) -> Array:
+        """The gradient of the height, its slope along the line at least that of a grazing parabola, ``√(2 σ_h/R)``."""
+        towards = offset / np.sqrt(inner(offset, offset))
+        slope, least = inner(normal, towards), np.sqrt(2.0 * self.height_sigma / EARTH_RADIUS)
+        return normal + (np.where(slope > 0.0, 1.0, -1.0) * np.maximum(np.abs(slope), least) - slope) * towards
 
 
 def _inverse(matrix: Array) -> Array:

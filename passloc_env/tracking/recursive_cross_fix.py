@@ -84,7 +84,8 @@ class CrossFixTrack(Track):
         """Begin anew, with no ray heard yet, in the given environments."""
         super().start(columns, mean, covariance)
         position = self.models.layout.position
-        self.heard[..., columns] = False
+        for rays in (self.stations, self.bearings, self.heard):
+            rays[..., columns] = 0
         self.looks[columns] = 0
         self.centre[:, columns] = mean[position]
         self.spread[columns] = 0.5 * diagonal(covariance)[position].sum(axis=0)

@@ -251,6 +251,37 @@ def test_a_turn_is_positive(turn: float, refusal: Callable[..., ScenarioError]) 
     assert refusal(lambda: CrossingKalman(turn=turn)).field == "turn"
 
 
+# Arrays that the belief reaches past.
+
+
+@pytest.mark.parametrize(("clearance", "heard"), [(0.0, True), (1.9, True), (2.1, False)])
+@pytest.mark.parametrize("seam", [0.0, np.pi])
+def test_an_array_within_the_clearance_is_not_listened_to(clearance: float, heard: bool, seam: float) -> None:
+    """An emitter believed two standard deviations (1 km each) ahead of an array at (300, −400) m."""
+    place = np.array([[300.0], [-400.0]])
+    track = track_of(ARRAYS, 1, CrossingKalman(clearance=clearance))
+    track.mean[:2] = place + 2e3 * direction(np.array([seam + 0.1]))
+    mean = track.mean.copy()
+    at_rest = Pose(place, np.zeros((2, 1)), np.zeros((2, 1)))
+    track.update(wrap(np.array([[seam + 0.1]])) + 0.02, [at_rest])
+    assert (track.mean != mean).any() == heard
+
+
+def test_other_arrays_are_listened_to() -> None:
+    """Two kilometres from the first array, one from the second, known to 600 m: within two deviations of the latter."""
+    near, far = (track_of(TWO_ARRAYS, 1, CrossingKalman(clearance=clearance)) for clearance in (0.0, 2.0))
+    only = track_of(TWO_ARRAYS[:2], 1, CrossingKalman())
+    for track in (near, far, only):
+        track.mean[:] = np.array([[10.0], [2e3], [0.0], [SPEED]])
+        track.covariance[:2, :2] *= 0.36
+    measured = look((5.0, 2100.0))
+    near.update(measured, [VESSEL])
+    far.update(measured, [VESSEL])
+    only.update(measured[:2], [VESSEL])
+    np.testing.assert_allclose(far.mean, only.mean, rtol=1e-9)
+    assert np.abs(near.mean - far.mean).max() > 0.1
+
+
 # Memory.
 
 

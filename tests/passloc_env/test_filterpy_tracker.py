@@ -185,13 +185,12 @@ def test_a_filter_of_ones_own(begin):
     motion = scenario.tracker.motion
     own = begin(scenario.replace(tracker=OwnFilter(motion=motion)))
     stock = begin(with_tracker(scenario))
-    prior = own.track.covariance.copy()
     own.step(PAIR[:, :1])
     stock.step(PAIR[:, :1])
     bearing = np.array([[np.cos(b := own.belief.bearing[0]), -np.sin(b)]])
     across = [(bearing @ s.track.covariance[:2, :2, 0] @ bearing.T).item() for s in (own, stock)]
-    assert across[0] > 1.5 * across[1]
-    assert across[0] < (bearing @ prior[:2, :2, 0] @ bearing.T).item()
+    # Variances with fourfold measurement noise are at most fourfold.
+    assert 1.5 * across[1] < across[0] < 4.0 * across[1]
 
 
 class Bare:

@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 from passloc_env.distributions import Choice, LogUniform, Uniform
 from passloc_env.errors import ScenarioError
 from passloc_env.motion import ConstantAcceleration, ConstantVelocity, CoordinatedTurn, Manoeuvre, UnknownTurn
+from passloc_env.platforms import TurnLimitedPlatform
 from passloc_env.rewards import ControlEffort, GramGain, RangeBound, TrackingError
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.sensors import Bearing
+from passloc_env.tracking import UnscentedKalman
 
 Refusal = Callable[..., ScenarioError]
 
@@ -51,14 +53,27 @@ CHANGES = st.fixed_dictionaries(
 )
 
 
-@given(st.sampled_from(list(SCENARIOS.values())), CHANGES)
+def has_the_changed_fields(scenario: Scenario) -> bool:
+    """One vehicle, one bearing, and a tracker that takes any motion: what the changes above are written for."""
+    kinds = [type(part) for part in (*scenario.platforms, *scenario.sensors, scenario.tracker)]
+    return kinds[0] is TurnLimitedPlatform and [kinds.count(Bearing), kinds.count(UnscentedKalman)] == [1, 1]
+
+
+FITTING = [scenario for scenario in SCENARIOS.values() if has_the_changed_fields(scenario)]
+
+
+def test_most_scenarios_are_overridden_here() -> None:
+    assert len(FITTING) > len(SCENARIOS) / 2
+
+
+@given(st.sampled_from(FITTING), CHANGES)
 def test_overridden_scenarios_survive_plain_data(scenario: Scenario, changes: dict[str, Any]) -> None:
     changed = scenario.override(changes)
     assert Scenario.from_json(changed.to_json()) == changed
     assert Scenario.from_yaml(changed.to_yaml()) == changed
 
 
-@given(st.sampled_from(list(SCENARIOS.values())), CHANGES)
+@given(st.sampled_from(FITTING), CHANGES)
 def test_only_the_named_fields_change(scenario: Scenario, changes: dict[str, Any]) -> None:
     before, changed = scenario.to_dict(), scenario.override(changes)
     assert scenario.to_dict() == before

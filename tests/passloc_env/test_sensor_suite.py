@@ -6,7 +6,7 @@ import pytest
 from passloc_env.layout import StateLayout
 from passloc_env.platforms import Pose
 from passloc_env.sensor_suite import SensorSuite, may_miss, nuisances
-from passloc_env.sensors import Bearing, Doppler, Sensor
+from passloc_env.sensors import Bearing, Doppler, Sensor, TimeDifference
 from passloc_env.sightline import Scene
 
 SIZE = 6
@@ -78,6 +78,20 @@ def test_detected_masks_the_rows_of_each_sensor() -> None:
     suite = SensorSuite((Bearing(sigma=1.0, detection_probability=0.3), KNOWN))
     uniforms = np.array([[0.0, 0.29, 0.3, 0.99], [0.0, 0.5, 0.99, 0.999]])
     np.testing.assert_array_equal(suite.detected(anywhere(4), uniforms), [[True, True, False, False], [True] * 4])
+
+
+def test_on_top_of_the_emitter_nothing_is_measured() -> None:
+    """There is no direction and no rate; what other places hear is heard. Otherwise all is: None, the quick way."""
+    poses = [Pose(*np.zeros((3, 2, 3))) for _ in range(2)]
+    poses[0].position[:, 1] = 1.0
+    poses[1].position[:, 2] = 1.0
+    both = TimeDifference(sigma=1e-9)
+    apart = TimeDifference(sigma=1e-9, other=0, other_lever_arm=(0.0, 0.0), lever_arm=(50.0, 0.0), platform=1)
+    suite = SensorSuite((Bearing(sigma=0.1), KNOWN, Bearing(sigma=0.1, platform=1), both, apart))
+    scene = Scene(np.ones((4, 3)), StateLayout(), poses)
+    first, second = [True, False, True], [True, True, False]
+    np.testing.assert_array_equal(suite.detected(scene, None), [first, first, second, [True, False, False], first])
+    assert SensorSuite((Bearing(sigma=0.1), KNOWN)).detected(anywhere(3), None) is None
 
 
 def test_detection_probability_may_differ_between_environments() -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from passloc_env.motion import ConstantVelocity
 from passloc_env.platforms import TurnLimitedPlatform
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
@@ -50,6 +51,29 @@ def test_an_error_that_is_no_number_is_a_lost_track(begin: Callable[..., Simulat
     simulation.truth[:, 1] = np.nan
     simulation.step(np.zeros((1, 3)))
     assert simulation.lost.tolist() == [False, True, False]
+
+
+def test_a_track_through_the_station_tells_nothing_there(begin: Callable[..., Simulation]) -> None:
+    """At zero range there is neither bearing nor Doppler: that look leaves belief and bound to the prediction."""
+    through = SCENARIOS["BearingDoppler"].override(
+        {
+            "target.start": CartesianStart(position=(-20.0, 0.0), velocity=(10.0, 0.0)),
+            "target.motion": ConstantVelocity(),
+            "platforms.0.speed": 0.0,
+            "episode.decision_every": 1,
+            "episode.min_range": 0.0,
+            "episode.early_end": False,
+        }
+    )
+    simulation = begin(through, 3)
+    gains, spreads = [], []
+    for _ in range(3):
+        simulation.step(STRAIGHT_ON.repeat(3, axis=1))
+        assert np.isfinite(simulation.track.mean).all()
+        gains.append(simulation.information.gram_gain.copy())
+        spreads.append(np.trace(simulation.track.covariance))
+    np.testing.assert_array_equal(np.array(gains) > 0.0, [[True] * 3, [False] * 3, [True] * 3])
+    assert (spreads[1] > spreads[0]).all()
 
 
 def test_time_runs_out_after_the_last_step(begin: Callable[..., Simulation]) -> None:

@@ -16,6 +16,7 @@ from passloc_env.platforms import Pose
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.sightline import Scene
+from passloc_env.spaces import observation_names
 from passloc_env.survey import Survey, position_deviation
 from passloc_env.tracking import StatePrior
 
@@ -312,7 +313,7 @@ def test_the_helmsman_sees_what_agents_see() -> None:
     scenario = Scenario().override({"episode.steps": 24})
     survey, again = Survey(scenario, steer, seed=5), Survey(scenario, steer, seed=5)
     assert [time for _, time in seen] == 2 * [0.0, 4.0, 8.0, 12.0, 16.0, 20.0]
-    features = len(survey.simulation.realised.observation.names(survey.layout, scenario.platforms))
+    features = len(observation_names(scenario))
     for observation, _ in seen:
         assert observation.shape == (1, features)
         assert observation.dtype == np.float32

@@ -86,7 +86,7 @@ class Track:
             "episode.min_range": 0.0,
         }
         if self.aware:
-            changes["tracker"] = CrossingKalman(motion=_REGISTERED.tracker.motion)
+            changes["tracker"] = CrossingKalman(motion=_REGISTERED.tracker.motion, clearance=3.0)
         return _REGISTERED.override(changes)
 
 
@@ -185,7 +185,8 @@ def _aware_after_the_origin(reproduction: Reproduction, aware: History) -> None:
         end,
         _only_if(end.value < _CONVERGED),
         f"{_SETTINGS}. {_CRITERIA}; {aware.error.shape[1]} runs. Only if the filter takes a bearing turned right round "
-        f"for a passage of the array: RMS {aware.rms()[-1]:.0f} m, median {np.median(aware.error[-1]):.0f} m, "
+        f"for a passage of the array, and does not listen to an array that it believes within three standard "
+        f"deviations: RMS {aware.rms()[-1]:.0f} m, median {np.median(aware.error[-1]):.0f} m, "
         f"{100 * aware.lost:.1f} % lost. The bound is {aware.bound[-1].mean():.0f} m: no Fisher matrix sees a jump",
     )
 

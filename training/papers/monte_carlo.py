@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -135,25 +136,31 @@ def run(
     flown_by = find_policy(policy, scenario) if isinstance(policy, str) else policy
     flown = scenario.override({**flown_by.overrides, "episode.early_end": False})
     env = LocalisationVectorEnv(runs, flown, autoreset_mode=AutoresetMode.DISABLED)
-    (simulation,) = env.batch.tiles
-    kept: dict[str, list[Array]] = {name: [] for name in ("time", *_ALWAYS, *(extra or {}))}
-
-    def watch(simulation: Simulation) -> None:
-        if simulation.step_count[0] % every == 0:
-            for name, quantity in {**_ALWAYS, **(extra or {})}.items():
-                kept[name].append(quantity(simulation))
-            kept["time"].append(simulation.time[:1])
-
-    simulation.watchers.append(watch)
+    quantities = {**_ALWAYS, **(extra or {}), "time": lambda simulation: simulation.time}
+    kept: list[dict[str, list[Array]]] = [{name: [] for name in quantities} for _ in env.batch.tiles]
+    for tile, record in zip(env.batch.tiles, kept, strict=True):
+        tile.watchers.append(partial(_keep, record, quantities, every))
     observation, _ = env.reset(seed=seed)
     rng = np.random.default_rng(seed)
     for _ in range(flown.episode.steps // flown.episode.decision_every):
         observation, *_ = env.step(flown_by.act(observation, env.belief, rng))
-    stacked: dict[str, Any] = {name: np.stack(values) for name, values in kept.items()}
-    shared = simulation.models.tracker.layout.shared_rows(simulation.models.truth.layout)
+    stacked: dict[str, Any] = {
+        name: np.concatenate([np.stack(record[name]) for record in kept], axis=1) for name in quantities
+    }
+    models = env.batch.tiles[0].models
+    shared = models.tracker.layout.shared_rows(models.truth.layout)
     return History(
         time=stacked["time"][:, 0],
         states=len(shared),
         extra={name: stacked[name] for name in extra or {}},
         **{name: stacked[name] for name in _ALWAYS},
     )
+
+
+def _keep(
+    record: dict[str, list[Array]], quantities: Mapping[str, Quantity], every: int, simulation: Simulation
+) -> None:
+    """Add what there is to keep after a sensor step of one tile of the batch."""
+    if simulation.step_count[0] % every == 0:
+        for name, quantity in quantities.items():
+            record[name].append(quantity(simulation))

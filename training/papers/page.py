@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from passloc_env.errors import InputError
 from training.papers.catalogue import PAPERS, Paper
 from training.papers.reproduction import Reproduction
 
@@ -17,18 +18,15 @@ _HEAD = """# Five papers, claim by claim
 Each paper studies passive localisation from fixed stations. Its simulations run here in the environment itself, with
 nobody at the helm, and every claim is put beside what came out: *reproduced*, *reproduced-if* a condition holds that
 the paper does not state, or *not-reproducible*, with the measured reason. Where a fixed station is blind, a table sets
-it beside observers that move. All numbers on this page were written by
-
-```sh
-{command}
-```
+it beside observers that move. `passloc reproduce all --out FOLDER` writes all of it; each part names its own command.
 """
 
 
-def save(reproduction: Reproduction, folder: Path) -> None:
-    """Write what a reproduction came to as ``PAPER.json``."""
+def save(reproduction: Reproduction, folder: Path, command: str) -> None:
+    """Write what a reproduction came to, and the command that made it, as ``PAPER.json``."""
     data = {
         "paper": reproduction.paper,
+        "command": command,
         "runs": reproduction.runs,
         "seed": reproduction.seed,
         "claims": [dataclasses.asdict(claim) for claim in reproduction.claims],
@@ -38,14 +36,18 @@ def save(reproduction: Reproduction, folder: Path) -> None:
     _write(folder / f"{reproduction.paper}.json", _finite(data))
 
 
-def collect(folder: Path, command: str) -> list[Path]:
-    """Write ``claims.json`` and ``index.md`` from the papers found in a folder; what was written."""
+def collect(folder: Path) -> list[Path]:
+    """Write ``claims.json`` and ``index.md`` from the papers found in a folder; what was written.
+
+    Raises:
+        InputError: a paper's file that cannot be read.
+    """
     found = [(paper, _read(folder / f"{paper.name}.json")) for paper in PAPERS.values()]
     present = [(paper, data) for paper, data in found if data is not None]
     claims, page = folder / "claims.json", folder / "index.md"
     _write(claims, [claim for _, data in present for claim in data["claims"]])
     sections = [_section(paper, data) for paper, data in present]
-    page.write_text("\n".join([_HEAD.format(command=command), _summary(present), *sections]), encoding="utf-8")
+    _write_text(page, "\n".join([_HEAD, _summary(present), *sections]))
     return [claims, page]
 
 
@@ -69,7 +71,7 @@ def _section(paper: Paper, data: dict[str, Any]) -> str:
         ]
         for claim in data["claims"]
     ]
-    parts = [f"## {paper.name}", f"Paper {paper.number}: {paper.citation}"]
+    parts = [f"## {paper.name}", f"Paper {paper.number}: {paper.citation}", f"```sh\n{data['command']}\n```"]
     parts.append(_table(["claim", "paper", "measured [95 %]", "assumption", "verdict"], claims))
     for table in data["tables"]:
         parts += [f"### {table['title']}", _table(table["headings"], table["rows"])]
@@ -87,16 +89,29 @@ def _text(value: float | str | None) -> str:
     return "–" if value is None else value if isinstance(value, str) else f"{value:.4g}"
 
 
-def _interval(interval: Sequence[float] | None) -> str:
-    return "" if interval is None else f" [{interval[0]:.4g}, {interval[1]:.4g}]"
+def _interval(interval: Sequence[float | None] | None) -> str:
+    return "" if interval is None else f" [{_text(interval[0])}, {_text(interval[1])}]"
 
 
 def _read(path: Path) -> dict[str, Any] | None:
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+    if not path.exists():
+        return None
+    try:
+        data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        raise InputError(f"{path} is not readable JSON: reproduce that paper again, or remove the file") from None
+    return data
 
 
 def _write(path: Path, data: Any) -> None:
-    path.write_text(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    _write_text(path, json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _write_text(path: Path, text: str) -> None:
+    """Write a file that is either the old one or the whole new one."""
+    unfinished = path.with_name(path.name + ".unfinished")
+    unfinished.write_text(text, encoding="utf-8")
+    unfinished.replace(path)
 
 
 def _finite(data: Any) -> Any:

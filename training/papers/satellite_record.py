@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
+from gymnasium.utils.seeding import np_random
 
 from passloc_env.angles import wrap
 from passloc_env.arrays import Array
@@ -18,7 +18,6 @@ from passloc_env.randomisation import Randomisation
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 from passloc_env.tracking.tracker import Models, Track
-from passloc_env.vector_env import LocalisationVectorEnv
 from training.statistics import root_mean_square
 
 
@@ -97,12 +96,12 @@ class _Judge:
 
 
 def record(scenario: Scenario, runs: int, seed: int, every: int) -> Record:
-    """Fly the satellites and keep every pulse; errors of the tracker inside at every so many pulses."""
-    env = LocalisationVectorEnv(
-        runs, scenario.override({"episode.early_end": False}), autoreset_mode=AutoresetMode.DISABLED
-    )
-    (simulation,) = env.batch.tiles
-    env.reset(seed=seed)
+    """Fly the satellites and keep every pulse; errors of the tracker inside at every so many pulses.
+
+    All runs are one simulation, for a record of pulses is looked at as a whole.
+    """
+    simulation = Simulation(scenario.override({"episode.early_end": False}), runs)
+    simulation.reset(np.arange(runs), [np_random(seed + index)[0] for index in range(runs)])
     mean, covariance, truth = simulation.track.mean.copy(), simulation.track.covariance.copy(), simulation.truth.copy()
     judge = _Judge(truth[:6])
     platforms = len(scenario.platforms)
@@ -122,9 +121,9 @@ def record(scenario: Scenario, runs: int, seed: int, every: int) -> Record:
             bounds.append(float(np.sqrt(variance.mean())))
 
     simulation.watchers.append(watch)
-    neutral = np.zeros((runs, scenario.action_size))
+    neutral = np.zeros((scenario.action_size, runs))
     for _ in range(scenario.episode.steps // scenario.episode.decision_every):
-        env.step(neutral)
+        simulation.step(neutral)
     constants = np.zeros((platforms, 3, runs))
     for platform, errors in enumerate(simulation.noise.navigation(simulation.step_count)):
         if len(errors.constant):
