@@ -48,10 +48,14 @@ def notes(evaluation: Evaluation) -> str:
     return (
         "Log range bound: mean over time of ln(σ_r / r) of the Cramér–Rao bound along the path flown, lower is better. "
         "End error: median position error over range. "
-        f"Violations: true range below {evaluation.scenario.episode.min_range / 1e3:g} km at any time. "
+        f"{_violations(evaluation.scenario.episode.min_range)} "
         "Brackets: 95 % intervals (paired bootstrap; Wilson for rates). "
         f"ANEES per state of a consistent tracker: {low:.2f}–{high:.2f}."
     )
+
+
+def _violations(min_range: float) -> str:
+    return f"Violations: true range below {min_range / 1e3:g} km at any time." if min_range else "No keep-out range."
 
 
 def rich_table(evaluation: Evaluation, width: int) -> Table:

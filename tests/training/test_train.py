@@ -13,7 +13,7 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 
 from agents import AgentFile, LearnedPolicy, find_policy
-from passloc_env import SCENARIOS, Scenario, ScenarioError
+from passloc_env import SCENARIOS, LocalisationVectorEnv, Scenario, ScenarioError
 from passloc_env.sb3 import make_vec_env
 from training.commands import Train
 from training.curve import COLUMNS, CurveCallback
@@ -207,6 +207,20 @@ def test_time_limits_are_not_bootstrapped(monkeypatch, tmp_path):
     monkeypatch.setattr("training.train.make_vec_env", lambda *a, **k: asked.append(k) or make_vec_env(*a, **k))
     run(SCENARIO, dataclasses.replace(TINY, decisions=1), tmp_path, seed=0, quiet=True)
     assert [k["bootstrap_time_limit"] for k in asked] == [False]
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_scenario_trains_as_its_file_says(name, tmp_path, monkeypatch):
+    """One rollout with the shipped hyperparameters; the agent then flies the scenario itself, not the family."""
+    monkeypatch.chdir(tmp_path)
+    finished = train(Train(name, decisions=1, quiet=True))
+    assert finished.folder.as_posix() == f"runs/{name}-0"
+    assert all(np.isfinite(weights).all() for weights in finished.agent.weights.values())
+    policy = find_policy(str(finished.folder), SCENARIOS[name])
+    env = LocalisationVectorEnv(3, SCENARIOS[name])
+    observation, _ = env.reset(seed=0)
+    actions = policy.act(observation, env.belief, np.random.default_rng(0))
+    assert env.action_space.contains(np.asarray(actions, np.float32))
 
 
 def test_training_may_change_the_scenario_for_itself(arguments, tmp_path):
