@@ -69,4 +69,4 @@ DUAL_SATELLITE = Scenario(
     observation=BeliefFeatures(range_scale=800 * KILOMETRE, speed_scale=3e3, nuisance_scale=0.05 * DEGREE),
     episode=Episode(steps=100, decision_every=5, min_range=0.0, lost_error=0.1),
 )
-"""700 km orbits 80 km apart, emitter at 10 km and 300 m/s; each second 100 pulses of 20° and 50 ns; 0.05° misaligned."""
+"""700 km orbits 80 km apart, emitter at 10 km and 300 m/s; each second 100 pulses of 20°, 50 ns; 0.05° misaligned."""
