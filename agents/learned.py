@@ -9,19 +9,27 @@ from typing import Any
 import numpy as np
 
 from agents.agent_file import CARD, WEIGHTS, AgentFile, AgentFileError
+from agents.shield import Shield
+from agents.symmetry import MirrorSymmetry
 from passloc_env.belief import Belief
 from passloc_env.scenario import Scenario
 from passloc_env.spaces import observation_names
 
 
 class LearnedPolicy:
-    """The deterministic actor of a trained agent: a multilayer perceptron with tanh between its layers."""
+    """The deterministic actor of a trained agent: a multilayer perceptron with tanh between its layers.
+
+    As its card says, it sees the world in a mirror where the emitter lies to the other side, and flies behind a shield.
+    """
 
     overrides: Mapping[str, Any] = {}
 
     def __init__(self, agent: AgentFile, name: str = "learned") -> None:
         self.name, self.agent = name, agent
         self._layers = [(weight.T.copy(), bias) for weight, bias in agent.layers("actor")]
+        sigmas = float(agent.card.get("shield_sigmas", 0.0))
+        self._shield = Shield(sigmas) if sigmas else None
+        self._symmetry = MirrorSymmetry(agent.scenario) if agent.card.get("mirror") else None
 
     @classmethod
     def load(cls, path: Path, scenario: Scenario | None = None) -> LearnedPolicy:
@@ -41,8 +49,18 @@ class LearnedPolicy:
         return cls(agent, name=folder.resolve().name)
 
     def act(self, observation: np.ndarray, belief: Belief | None, rng: np.random.Generator | None) -> np.ndarray:
-        """The actions ``(N, a)`` for observations ``(N, f)``; belief and random numbers are not needed."""
-        hidden = np.asarray(observation, dtype=np.float32)
+        """The actions ``(N, a)`` for observations ``(N, f)``; the belief is the shield's, random numbers nobody's."""
+        seen = np.asarray(observation, dtype=np.float32)
+        if self._symmetry is None:
+            actions = self._actor(seen)
+        else:
+            sides = self._symmetry.sides(seen)
+            actions = self._actor(self._symmetry.mirrored(seen, sides)) * sides
+        if self._shield is None or belief is None:
+            return actions
+        return self._shield.guard(belief, actions)
+
+    def _actor(self, hidden: np.ndarray) -> np.ndarray:
         for weight, bias in self._layers[:-1]:
             hidden = np.tanh(hidden @ weight + bias)
         weight, bias = self._layers[-1]

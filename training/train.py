@@ -8,16 +8,17 @@ import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.logger import configure
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env import VecEnv
 
 from agents.agent_file import AgentFile
+from agents.shield import Shield
+from agents.symmetry import MirrorSymmetry
 from passloc_env.sb3 import make_vec_env
 from passloc_env.scenario import Scenario
 from passloc_env.spaces import observation_names
@@ -27,6 +28,7 @@ from training.curve import CurveCallback
 from training.hyperparameters import Hyperparameters
 from training.progress_callback import ProgressCallback
 from training.provenance import provenance
+from training.wrappers import Guarded, Mirrored, ScaledReward
 
 
 @dataclass
@@ -37,23 +39,6 @@ class Run:
     agent: AgentFile
     seconds: float
     curve: list[dict[str, float]] = field(repr=False, default_factory=list)
-
-
-class ScaledReward(VecEnvWrapper):
-    """Multiplies the reward for the learner; episode returns in the infos stay as they are."""
-
-    def __init__(self, venv: VecEnv, scale: float) -> None:
-        super().__init__(venv)
-        self._scale = scale
-
-    def reset(self) -> Any:
-        """Begin new episodes."""
-        return self.venv.reset()
-
-    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """The step with its reward scaled."""
-        observation, reward, done, infos = self.venv.step_wait()
-        return observation, reward * np.float32(self._scale), done, infos
 
 
 def train(arguments: Train) -> Run:
@@ -79,9 +64,7 @@ def run(scenario: Scenario, parameters: Hyperparameters, folder: Path, seed: int
     torch.set_num_threads(1)
     trained = scenario.override(parameters.overrides)
     _write_configuration(folder, trained, parameters, seed)
-    env = ScaledReward(
-        make_vec_env(trained, parameters.environments, seed=seed, bootstrap_time_limit=False), parameters.reward_scale
-    )
+    env = learning_env(trained, parameters, seed)
     model = build_ppo(env, parameters, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     curve = CurveCallback(folder / "curve.csv")
@@ -95,6 +78,16 @@ def run(scenario: Scenario, parameters: Hyperparameters, folder: Path, seed: int
     agent.save(folder)
     env.close()
     return Run(folder, agent, seconds, curve.rows)
+
+
+def learning_env(scenario: Scenario, parameters: Hyperparameters, seed: int) -> VecEnv:
+    """The environments as the learner meets them: shielded, mirrored, rewards scaled."""
+    env: VecEnv = make_vec_env(scenario, parameters.environments, seed=seed, bootstrap_time_limit=False)
+    if parameters.shield_sigmas:
+        env = Guarded(env, Shield(parameters.shield_sigmas))
+    if parameters.mirror:
+        env = Mirrored(env, MirrorSymmetry(scenario))
+    return ScaledReward(env, parameters.reward_scale)
 
 
 def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> PPO:
@@ -134,6 +127,8 @@ def _agent(model: PPO, scenario: Scenario, parameters: Hyperparameters, seed: in
         "architecture": architecture,
         "observation": list(observation_names(scenario)),
         "scenario": scenario.to_dict(),
+        "mirror": parameters.mirror,
+        "shield_sigmas": parameters.shield_sigmas,
         "training": {
             "algorithm": "PPO",
             "seed": seed,

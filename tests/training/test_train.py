@@ -18,7 +18,8 @@ from passloc_env.sb3 import make_vec_env
 from training.commands import Train
 from training.curve import COLUMNS, CurveCallback
 from training.hyperparameters import HyperparameterError, Hyperparameters
-from training.train import Run, ScaledReward, build_ppo, run, train
+from training.train import Run, build_ppo, run, train
+from training.wrappers import ScaledReward
 
 TINY = Hyperparameters(
     decisions=512, environments=8, rollout=16, batch_size=64, epochs=2, learning_rate=1e-2, network=(8, 8)

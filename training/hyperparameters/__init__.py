@@ -45,6 +45,8 @@ _ACCEPTS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "initial_log_sigma": ("a finite number", _finite),
     "reward_scale": _POSITIVE,
     "network": ("a list of layer widths", lambda value: isinstance(value, tuple) and all(map(_whole, value))),
+    "mirror": ("true or false", lambda value: isinstance(value, bool)),
+    "shield_sigmas": ("a finite number of at least 0", lambda value: _finite(value) and value >= 0),
     "overrides": ("a mapping from dotted names to values", lambda value: isinstance(value, dict)),
 }
 """What each hyperparameter accepts, in words and as a test."""
@@ -78,6 +80,10 @@ class Hyperparameters:
     """The learner sees the reward times this, so that returns are of the order of one."""
     network: tuple[int, ...] = (64, 64)
     """Hidden layers of actor and critic."""
+    mirror: bool = False
+    """Whether the agent learns one side of the line of sight only, and flies the other by symmetry."""
+    shield_sigmas: float = 0.0
+    """Deviations by which a shield keeps the minimum range, in training and in flight; 0 for no shield."""
     overrides: dict[str, Any] = field(default_factory=dict)
     """Scenario fields changed for training alone, by dotted name."""
 

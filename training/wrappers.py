@@ -1,0 +1,82 @@
+"""What stands between an environment and its learner."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
+from agents.shield import Shield
+from agents.symmetry import MirrorSymmetry
+from passloc_env.belief import Belief
+
+Stepped = tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]
+_TERMINAL = "terminal_observation"
+
+
+class ScaledReward(VecEnvWrapper):
+    """Multiplies the reward for the learner; episode returns in the infos stay as they are."""
+
+    def __init__(self, venv: VecEnv, scale: float) -> None:
+        super().__init__(venv)
+        self._scale = scale
+
+    def reset(self) -> Any:
+        """Begin new episodes."""
+        return self.venv.reset()
+
+    def step_wait(self) -> Stepped:
+        """The step with its reward scaled."""
+        observation, reward, done, infos = self.venv.step_wait()
+        return observation, reward * np.float32(self._scale), done, infos
+
+
+class Guarded(VecEnvWrapper):
+    """Flies behind a shield: what it replaces is part of the world that the learner meets."""
+
+    def __init__(self, venv: VecEnv, shield: Shield) -> None:
+        super().__init__(venv)
+        self._shield = shield
+
+    def reset(self) -> Any:
+        """Begin new episodes."""
+        return self.venv.reset()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """The actions that leave a way out."""
+        belief: Belief = self.getattr_recursive("belief")
+        self.venv.step_async(self._shield.guard(belief, actions).astype(np.float32))
+
+    def step_wait(self) -> Stepped:
+        """The step."""
+        return self.venv.step_wait()
+
+
+class Mirrored(VecEnvWrapper):
+    """Shows the learner one side of the world only (see :class:`~agents.symmetry.MirrorSymmetry`)."""
+
+    def __init__(self, venv: VecEnv, symmetry: MirrorSymmetry) -> None:
+        super().__init__(venv)
+        self._symmetry = symmetry
+        self._sides = np.ones((venv.num_envs, 1), np.float32)
+
+    def reset(self) -> Any:
+        """Begin new episodes."""
+        return self._mirrored(cast(np.ndarray, self.venv.reset()))
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """The actions, mirrored back."""
+        self.venv.step_async(actions * self._sides)
+
+    def step_wait(self) -> Stepped:
+        """The step, every observation mirrored as its own side says."""
+        observation, reward, done, infos = self.venv.step_wait()
+        for index in np.flatnonzero(done):
+            last = infos[index][_TERMINAL][None]
+            infos[index][_TERMINAL] = self._symmetry.mirrored(last, self._symmetry.sides(last))[0]
+        return self._mirrored(cast(np.ndarray, observation)), reward, done, infos
+
+    def _mirrored(self, observation: np.ndarray) -> np.ndarray:
+        self._sides = self._symmetry.sides(observation)
+        return self._symmetry.mirrored(observation, self._sides)
