@@ -17,9 +17,9 @@ from passloc_env.fields import abstract, quantity
 from passloc_env.information import Information, sigma_along
 from passloc_env.layout import StateLayout
 from passloc_env.lazy import lazy
-from passloc_env.linalg import inner
+from passloc_env.linalg import cholesky, inner, log_determinant
 from passloc_env.metrics import log_range_bound, nees, relative_range_error
-from passloc_env.sightline import Scene
+from passloc_env.sightline import Scene, distance
 
 
 class Outcome:
@@ -146,6 +146,24 @@ class TrackingError(RewardTerm):
     def score(self, outcome: Outcome) -> Array:
         """Minus the relative error, at most one."""
         return -np.minimum(outcome.relative_range_error, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilterCertainty(RewardTerm):
+    """``−ln(det P_p)/(2 d) + ln |p̂ − p_own|``: how well the tracker believes to know the position, over its range.
+
+    What the tracker claims, right or wrong: an overconfident filter is paid for its confidence. For experiments.
+    """
+
+    name = "filter_certainty"
+    weight: float = quantity("weight", 1.0)
+
+    def score(self, outcome: Outcome) -> Array:
+        """Minus the logarithm of the believed deviation, the geometric mean over axes, relative to the range."""
+        position = outcome.layout.position
+        offset = outcome.mean[position] - outcome.pose.position
+        half = 0.5 * log_determinant(cholesky(outcome.covariance[position, position]).lower) / len(offset)
+        return np.log(distance(offset)) - half
 
 
 @dataclass(frozen=True, kw_only=True)

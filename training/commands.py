@@ -139,6 +139,73 @@ class Demo:
 
 
 @dataclass(frozen=True)
+class Tune:
+    """Search hyperparameters; trials are kept in an SQLite file, and the search goes on from them.
+
+    Examples:
+        passloc tune BearingsOnly --trials 20
+        passloc train BearingsOnly --hyperparameters runs/tune/BearingsOnly/best.yaml
+    """
+
+    scenario: Positional[str] = "BearingsOnly"
+    """Name, Gymnasium id, or path of a scenario file (YAML or JSON)."""
+    trials: int = 20
+    """How many more trials."""
+    decisions: int = 500_000
+    """Decisions that each trial trains for."""
+    episodes: int = 512
+    """Episodes that each trial is judged by, on seeds of their own."""
+    seed: int = 0
+    """Seed of the search and of the training runs."""
+    out: Path | None = None
+    """Folder of study.db and best.yaml; by default runs/tune/SCENARIO."""
+    override: tuple[str, ...] = ()
+    """Scenario fields to change, as dotted.name=value."""
+
+
+@dataclass(frozen=True)
+class Ablate:
+    """Train with one reward after another, with and without a keep-out, and say which reward leads where.
+
+    Examples:
+        passloc ablate
+        passloc ablate --decisions 300000 --out runs/rewards
+    """
+
+    scenario: Positional[str] = "BearingsOnly"
+    """Name or Gymnasium id of the scenario."""
+    decisions: int = 1_000_000
+    """Decisions that each agent trains for."""
+    episodes: int = 1024
+    """Unseen episodes that each agent is judged by."""
+    seed: int = 0
+    """Seed of the training runs."""
+    out: Path = Path("runs/ablation")
+    """Folder of the agents, the table and its page; agents that are there are not trained again."""
+
+
+@dataclass(frozen=True)
+class Leaderboard:
+    """All scenarios × all policies on the same unseen episodes: tables, pictures, one page; goes on where it stopped.
+
+    Examples:
+        passloc leaderboard
+        passloc leaderboard --scenarios BearingsOnly,CrossFix --episodes 200 --out runs/board
+    """
+
+    scenarios: str = ""
+    """Scenarios separated by commas; by default all."""
+    episodes: int = 1000
+    """Episodes per policy."""
+    seed: int = EVALUATION_SEED
+    """Seed of the first episode; the others count up from it."""
+    out: Path = Path("docs/leaderboard")
+    """Folder of the page, its pictures and the results that it is made from."""
+    fresh: bool = False
+    """Judge everything again, also what is there."""
+
+
+@dataclass(frozen=True)
 class Bench:
     """Measure the speed beside a per-environment FilterPy environment and Stone Soup, as ratios.
 
