@@ -6,9 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from passloc_env.angles import bearing_of
 from passloc_env.arrays import Array, rows
 from passloc_env.component import Component
 from passloc_env.fields import quantity
+from passloc_env.frames import cross
 from passloc_env.layout import StateLayout
 from passloc_env.linalg import diagonal, inner, matvec
 from passloc_env.platforms import Platform, Pose
@@ -67,14 +69,19 @@ class Belief:
 
     @property
     def bearing(self) -> Array:
-        """Believed compass bearing of the emitter ``(N,)``, rad."""
-        offset = self.offset
-        bearing: Array = np.arctan2(offset[0], offset[1])
-        return bearing
+        """Believed bearing of the emitter ``(N,)``, rad, from the second axis of the frame towards the first.
+
+        A compass bearing where these are north and east, that is, in local axes.
+        """
+        return bearing_of(self.offset)
 
 
 def line_of_sight_axes(direction: Array) -> Array:
-    """Orthonormal axes ``(d, d, N)`` as rows: along the line of sight, across it (starboard), and upward."""
+    """Orthonormal axes ``(d, d, N)`` as rows: along the line of sight, across it, and the remaining one.
+
+    Across is at right angles to the third axis of the frame, and the last axis leans towards that one: starboard and
+    upward where the frame is local (east, north, up).
+    """
     if len(direction) == 2:
         return rows(direction, rows(direction[1], -direction[0]))
     horizontal = np.stack([direction[1], -direction[0], np.zeros(direction.shape[-1])])
@@ -82,9 +89,7 @@ def line_of_sight_axes(direction: Array) -> Array:
     overhead = length < 1e-9
     horizontal[0, overhead], length[overhead] = 1.0, 1.0
     across = horizontal / length
-    x, y = across, direction
-    upward = np.stack([x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]])
-    return np.stack([direction, across, upward])
+    return np.stack([direction, across, cross(across, direction)])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from passloc_env.arrays import Array
+from passloc_env.arrays import Array, Number
 from passloc_env.component import Component, Spec
 from passloc_env.errors import ScenarioError
 
@@ -58,6 +58,11 @@ class Distribution(Component):
     def sample(self, uniform: Array) -> Array:
         """Values ``(N,)`` for standard uniform draws ``(N,)`` in [0, 1)."""
         raise AssertionError(f"{type(self).__name__} must define sample")
+
+
+def extremes(value: Number) -> tuple[float, float]:
+    """Smallest and largest value that a scenario quantity can take, a number or a distribution."""
+    return value.support if isinstance(value, Distribution) else (value, value)
 
 
 @dataclass(frozen=True)

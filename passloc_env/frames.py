@@ -72,8 +72,8 @@ class HeightFix(NamedTuple):
     """Where a line of sight meets a height above the ellipsoid.
 
     Attributes:
-        position: ``(3, N)``; where the line passes above the height, its point nearest to the Earth's centre.
-        hit: whether it meets the height at all ``(N,)``.
+        position: ``(3, N)``; where the line does not meet the height, its point nearest to the Earth's centre.
+        hit: whether it comes down to the height ``(N,)``; from below a height none does.
         normal: gradient of the height there, a unit vector ``(3, N)``.
     """
 
@@ -91,7 +91,7 @@ def meet_height(origin: Array, towards: Array, height: Any) -> HeightFix:
     a, u = origin * stretch, towards * stretch
     square, half, rest = inner(u, u), inner(a, u), inner(a, a) - 1.0
     discriminant = half * half - square * rest
-    hit = (discriminant >= 0.0) & (half < 0.0)
+    hit = (discriminant >= 0.0) & (half < 0.0) & (rest > 0.0)
     distance = (-half - np.sqrt(np.maximum(discriminant, 0.0))) / square
     nearest = np.maximum(-inner(origin, towards), 0.0)
     distance = np.where(hit, distance, nearest)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from passloc_env.arrays import Array, BoolArray
-from passloc_env.linalg import cholesky, inner, mend, solve_lower
+from passloc_env.linalg import cholesky, diagonal, inner, mend, solve_lower, tree_sum
 
 LOST_ERROR = 1.0
 """A track whose relative range error ends above this is lost."""
@@ -24,6 +24,12 @@ def log_range_bound(range_sigma: Array, true_range: Array) -> Array:
     """``ln(σ_r / r)``, the headline: how well the range could be known along the path flown."""
     logarithm: Array = np.log(range_sigma / true_range)
     return logarithm
+
+
+def root_trace(covariance: Array, block: slice) -> Array:
+    """Root of the trace of a block of ``(n, n, N)``: the root mean square length of errors in those states ``(N,)``."""
+    root: Array = np.sqrt(tree_sum(diagonal(covariance)[block].copy()))
+    return root
 
 
 def nees(error: Array, covariance: Array) -> Array:

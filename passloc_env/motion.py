@@ -175,7 +175,7 @@ class ReversingAcceleration(Motion):
     order = 2
     model = False
 
-    reversal: Number = quantity("when the acceleration changes sign", unit="s", at_least=0)
+    reversal: Number = quantity("when the acceleration changes sign", unit="s", above=0)
 
     def propagate(self, state: Array, layout: StateLayout, period: float, time: Array) -> Array:
         """The state ``(n, N)`` one period after ``time``: up to the reversal, and what is left of the step after."""

@@ -18,13 +18,14 @@ import yaml
 
 from passloc_env.belief import BeliefFeatures
 from passloc_env.component import Component, from_dict, to_dict
-from passloc_env.distributions import Uniform
+from passloc_env.distributions import Uniform, extremes
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import count, flag, part, parts, quantity, text
 from passloc_env.motion import ConstantVelocity, Motion
 from passloc_env.overrides import override
 from passloc_env.platforms import FixedStation, Platform, TurnLimitedPlatform
 from passloc_env.rewards import DEFAULT_REWARD, RewardTerm
+from passloc_env.sensor_suite import check_nuisances
 from passloc_env.sensors import Bearing, Sensor
 from passloc_env.target import CartesianStart, PolarStart, Target
 from passloc_env.tracking import Prior, RangePrior, Tracker, UnscentedKalman
@@ -172,8 +173,9 @@ class Scenario(Component):
                 sensor.check(self.dimension)
             except ScenarioError as error:
                 raise error.inside(f"sensors.{index}") from None
+        check_nuisances(self.sensors)
         try:
-            self.prior.check(self.sensors, self.dimension)
+            self.prior.check(self.sensors, self.platforms, self.dimension)
         except ScenarioError as error:
             raise error.inside("prior") from None
 
@@ -267,8 +269,7 @@ def _closest_start(start: Any, platform: Platform) -> float | None:
     if position is None or not all(isinstance(axis, float) for axis in position):
         return None
     if isinstance(start, PolarStart) and not any(position):
-        low: float = start.range if isinstance(start.range, float) else start.range.support[0]
-        return low
+        return extremes(start.range)[0]
     if isinstance(start, CartesianStart) and all(isinstance(axis, float) for axis in start.position):
         return math.dist(start.position, position)
     return None

@@ -6,6 +6,8 @@ import numpy as np
 
 from passloc_env.angles import wrap_in_place
 from passloc_env.arrays import Array, BoolArray
+from passloc_env.distributions import Distribution
+from passloc_env.errors import ScenarioError
 from passloc_env.linalg import LinearMap, cholesky, diagonal, log_determinant
 from passloc_env.nuisance import Nuisance
 from passloc_env.sensors import Sensor
@@ -76,12 +78,13 @@ class SensorSuite:
         """Which scalars ``(m, N)`` are measured of true emitters ``(n, N)``; None when all are.
 
         Args:
-            scene: what hides an emitter from a platform hides it from its sensors; on top of one nothing is measured.
+            scene: what hides an emitter from a platform hides it from its sensors; and nothing is measured where there
+                is nothing to measure, such as a direction on top of one.
             uniforms: one draw per sensor ``(s, N)``, for sensors that may miss.
         """
         hidden = [pose.hidden(scene.state[scene.layout.position]) for pose in scene.poses]
-        on_top = [np.logical_or.reduce([scene.sightline(*p).on_top for p in s.places]) for s in self.sensors]
-        touched = any(mask.any() for mask in on_top)
+        undefined = [sensor.undefined(scene) for sensor in self.sensors]
+        touched = any(mask.any() for mask in undefined)
         if uniforms is None and not touched and all(mask is None for mask in hidden):
             return None
         heard = np.ones((self.size, scene.state.shape[-1]), bool)
@@ -89,7 +92,7 @@ class SensorSuite:
             if uniforms is not None:
                 heard[rows] &= uniforms[index] < sensor.detection_probability
             if touched:
-                heard[rows] &= ~on_top[index]
+                heard[rows] &= ~undefined[index]
             for platform in sensor.platforms:
                 mask = hidden[platform]
                 if mask is not None:
@@ -116,6 +119,22 @@ def nuisances(sensors: tuple[Sensor, ...]) -> tuple[Nuisance, ...]:
         for nuisance in sensor.nuisances:
             unique.setdefault(nuisance.name, nuisance)
     return tuple(unique.values())
+
+
+def check_nuisances(sensors: tuple[Sensor, ...]) -> None:
+    """Raise ScenarioError when sensors share a nuisance state but disagree on it.
+
+    What is drawn at every reset is drawn for each sensor by itself, and so disagrees too.
+    """
+    known: dict[str, Nuisance] = {}
+    for index, sensor in enumerate(sensors):
+        for claim in sensor.nuisance_claims:
+            first = known.setdefault(claim.name, claim)
+            drawn = any(isinstance(number, Distribution) for number in (claim.sigma, claim.walk))
+            if first is not claim and (drawn or first != claim):
+                said = f"sigma {first.sigma}, walk {first.walk}"
+                allowed = f"shares {claim.name} with another sensor and must say the same plain numbers, {said}"
+                raise ScenarioError(f"sensors.{index}", type(sensor).__name__, allowed)
 
 
 def _runs(flags: list[bool]) -> list[slice]:

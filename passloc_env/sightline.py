@@ -57,6 +57,14 @@ class Sightline:
         return on_top
 
     @lazy
+    def plumb(self) -> BoolArray:
+        """Whether the emitter is straight above or below ``(…, N)``, or on top: then it has no bearing."""
+        if len(self.offset) == 2:
+            return self.on_top
+        plumb: BoolArray = distance(self.offset[:2]) <= _CLOSEST
+        return plumb
+
+    @lazy
     def direction(self) -> Array:
         """Unit vector to the emitter ``(d, …, N)``."""
         return self.offset / self.range

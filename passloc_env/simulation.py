@@ -278,9 +278,9 @@ class Simulation:
         states = [platform.start(len(evaluated)) + 0.0 for platform in platforms]
         poses = _poses(platforms, states)
         reported = self._reported(platforms, states, poses, evaluated)
-        measurement, _ = self.measure(Scene(truth, self.models.truth.layout, poses), evaluated)
+        heard = self.measure(Scene(truth, self.models.truth.layout, poses), evaluated)
 
-        look = self._first_look(truth, measurement, reported, self.noise.prior[:, evaluated])
+        look = self._first_look(truth, heard, reported, self.noise.prior[:, evaluated])
         mean, covariance = prior.start(look)
         self.track.start(columns, mean[:, kept], covariance[..., kept])
         layout = self.models.bound.layout
@@ -311,18 +311,21 @@ class Simulation:
             return
         columns = np.flatnonzero(~np.isfinite(self.track.nis))
         repairs = self.track.repairs[columns] + 1
-        look = self._first_look(self.truth, measurement, reported, self.noise.prior)
+        look = self._first_look(self.truth, (measurement, self.detected), reported, self.noise.prior)
         mean, covariance = self.realised.prior.start(look)
         self.track.start(columns, mean[:, columns], covariance[..., columns])
         self.track.repairs[columns] = repairs
 
-    def _first_look(self, truth: Array, measurement: Array, reported: list[Pose], normals: Array) -> FirstLook:
-        """What a tracker's prior is made from."""
+    def _first_look(
+        self, truth: Array, heard: tuple[Array, BoolArray | None], reported: list[Pose], normals: Array
+    ) -> FirstLook:
+        """What a tracker's prior is made from; ``heard`` is what :meth:`measure` says."""
         layout = self.models.tracker.layout
         return FirstLook(
             layout=layout,
             truth=layout.convert(truth, self.models.truth.layout),
-            measurement=measurement,
+            measurement=heard[0],
+            detected=heard[1],
             suite=self.models.suite,
             poses=reported,
             normals=normals,

@@ -12,11 +12,14 @@ import numpy as np
 
 from passloc_env.arrays import Array
 from passloc_env.belief import Belief
+from passloc_env.checks import require_exactly, require_shape
 from passloc_env.dynamics import Dynamics
 from passloc_env.linalg import diagonal
+from passloc_env.metrics import root_trace
 from passloc_env.observability import RankReport, cramer_rao_path, fisher_rows, gramian, rank_report
 from passloc_env.platforms import Pose
 from passloc_env.scenario import Scenario
+from passloc_env.sightline import Scene
 from passloc_env.simulation import Simulation
 from passloc_env.tracking.initialisation import FirstLook
 
@@ -52,8 +55,9 @@ class Survey:
         self.layout = self.simulation.models.bound.layout
         self.start = self.simulation.bound_scene().state.copy()
         self.prior = self.simulation.information.bound.copy()
-        self._first_poses = self._poses(self.simulation)
+        self._first_poses, self._first_chances = self._poses(self.simulation), self._chances(self.simulation)
         self.path: list[list[Pose]] = []
+        self._uniforms: list[Array | None] = []
         self._rows: list[Array] = []
         self._states: list[Array] = []
         self._bounds: list[Array] = []
@@ -71,6 +75,7 @@ class Survey:
     def _watch(self, simulation: Simulation) -> None:
         scene = simulation.bound_scene()
         self.path.append(self._poses(simulation))
+        self._uniforms.append(self._chances(simulation))
         self._states.append(scene.state[:, 0].copy())
         self._rows.append(fisher_rows(simulation.models.suite, scene, simulation.detected))
         self._bounds.append(simulation.information.bound[..., 0].copy())
@@ -80,6 +85,11 @@ class Survey:
         """The poses as they are now; the live ones change with the next step."""
         platforms = zip(simulation.realised.platforms, simulation.platform_states, strict=True)
         return [platform.pose(state.copy()) for platform, state in platforms]
+
+    @staticmethod
+    def _chances(simulation: Simulation) -> Array | None:
+        """What decides which sensors miss by chance now ``(s, 1)``; None when none can."""
+        return simulation.noise.detection(simulation.step_count) if simulation.models.suite.may_miss else None
 
     @property
     def dynamics(self) -> Dynamics:
@@ -99,7 +109,7 @@ class Survey:
     @property
     def position_bound(self) -> Array:
         """Root of the trace of the bound's position block after every measurement ``(K,)``, m."""
-        return position_deviation(np.moveaxis(self.bound, 0, -1), self.layout.position)
+        return root_trace(np.moveaxis(self.bound, 0, -1), self.layout.position)
 
     @property
     def range(self) -> Array:
@@ -111,14 +121,21 @@ class Survey:
     def bound_elsewhere(self, positions: Array) -> Array:
         """What the same path would come to for emitters that start elsewhere, with the same velocity.
 
+        What was missed by chance is missed there too; what is hidden depends on where they are.
+
         Args:
             positions: where they start ``(d, N)``, m.
 
         Returns:
             Root of the trace of the bound's position block at the end of the episode ``(N,)``, m.
+
+        Raises:
+            InputError: positions of another shape or not finite.
         """
-        cells = range(0, positions.shape[1], _CELLS)
-        return np.concatenate([self._bound_of(positions[:, first : first + _CELLS]) for first in cells])
+        places = require_shape("positions", positions, 2, "axes and emitters")
+        require_exactly("positions", places, (self.layout.dimension, places.shape[1]))
+        cells = range(0, places.shape[1], _CELLS)
+        return np.concatenate([self._bound_of(places[:, first : first + _CELLS]) for first in cells])
 
     def _bound_of(self, positions: Array) -> Array:
         start = np.repeat(self.start, positions.shape[1], axis=1)
@@ -133,13 +150,8 @@ class Survey:
             normals=np.zeros((0, positions.shape[1])),
             nuisances=self.simulation.models.bound_nuisances,
             carrier=self.scenario.prior.carrier_platform(self.scenario.sensors),
+            detected=suite.detected(Scene(start, self.layout, self._first_poses), self._first_chances),
         )
         prior = np.broadcast_to(self.simulation.realised.prior.at_truth(look), (*self.prior.shape[:2], start.shape[1]))
-        bounds = cramer_rao_path(self.dynamics, suite, start, prior, self.path)
-        return position_deviation(bounds[-1], self.layout.position)
-
-
-def position_deviation(covariance: Array, position: slice) -> Array:
-    """Root of the trace of the position block of ``(n, n, N)``, ``(N,)``."""
-    root: Array = np.sqrt(diagonal(covariance)[position].sum(axis=0))
-    return root
+        bounds = cramer_rao_path(self.dynamics, suite, start, prior, self.path, self._uniforms)
+        return root_trace(bounds[-1], self.layout.position)

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 
 from agents import Policy
 from passloc_env.arrays import Array, BoolArray
-from passloc_env.metrics import lost, time_to
+from passloc_env.metrics import lost, root_trace, time_to
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 from passloc_env.vector_env import LocalisationVectorEnv
@@ -66,7 +66,6 @@ class Recorder:
         """What the episodes came to, once they are over."""
         period, outcome = simulation.scenario.episode.period, simulation.outcome
         position = simulation.information.dynamics.layout.position
-        trace = np.einsum("iin->n", simulation.information.bound[position, position])
         return Scores(
             log_range_bound=self.log_range_bound.mean(axis=0),
             end_error=self.error[-1],
@@ -76,7 +75,7 @@ class Recorder:
             violated=np.logical_or.reduce(self.violated, axis=0),
             lost=lost(self.error[-1], self.nees[-1]),
             end_position_error=self.error[-1] * outcome.range,
-            end_position_bound=np.sqrt(trace),
+            end_position_bound=root_trace(simulation.information.bound, position),
             mean_nees=self.nees.mean(axis=0),
         )
 

@@ -7,17 +7,21 @@ compared modulo half a turn: flying through a station turns the bearing around, 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from passloc_env.angles import wrap
 from passloc_env.arrays import Array, BoolArray
+from passloc_env.checks import require_exactly, require_positive, require_shape
 from passloc_env.errors import InputError
-from passloc_env.observability.checks import require_finite, require_positive, require_shape
+
+_INSTANTS = 5
+"""Instants that a record needs at least."""
 
 _TOLERANCE = 1e-9
 """Radians: a thousand times the rounding of a bearing after many turns, a millionth of what any sensor resolves."""
 
 
-def constant_acceleration_observable(bearings: Array, tolerance: float = _TOLERANCE) -> BoolArray:
+def constant_acceleration_observable(bearings: ArrayLike, tolerance: float = _TOLERANCE) -> BoolArray:
     """Whether bearing and Doppler at one station determine an emitter of constant acceleration.
 
     They do iff the line of sight is not constant (paper 000, corollary 1), whether or not the acceleration and the
@@ -31,14 +35,13 @@ def constant_acceleration_observable(bearings: Array, tolerance: float = _TOLERA
         ``(N,)``.
 
     Raises:
-        InputError: bearings that are not finite or have another shape.
+        InputError: bearings that are not finite or have another shape, fewer than five instants.
     """
-    _check_bearings("bearings", bearings)
-    return _departs(bearings, tolerance)
+    return _departs(_record("bearings", bearings), tolerance)
 
 
 def coordinated_turn_observable(
-    bearings: Array, turn_rate: Array | float, period: float, tolerance: float = _TOLERANCE
+    bearings: ArrayLike, turn_rate: ArrayLike, period: float, tolerance: float = _TOLERANCE
 ) -> BoolArray:
     """Whether bearing and Doppler at one station determine an emitter in a coordinated turn of known rate.
 
@@ -56,18 +59,17 @@ def coordinated_turn_observable(
         ``(N,)``.
 
     Raises:
-        InputError: bearings or turn rates that are not finite, bearings of another shape, a period that is not finite
-            and positive.
+        InputError: bearings or turn rates that are not finite or have another shape, fewer than five instants, a period
+            that is not finite and positive.
     """
-    _check_bearings("bearings", bearings)
+    seen = _record("bearings", bearings)
     require_positive("period", period)
-    rate = np.asarray(turn_rate, float)
-    require_finite("turn_rate", np.atleast_1d(rate))
-    time = period * np.arange(len(bearings))[:, None]
-    return _departs(bearings - rate * time, tolerance) & _departs(bearings, tolerance)
+    rate = require_exactly("turn_rate", turn_rate, (), (1,), seen.shape[1:])
+    time = period * np.arange(len(seen))[:, None]
+    return _departs(seen - rate * time, tolerance) & _departs(seen, tolerance)
 
 
-def dual_array_observable(first: Array, second: Array, tolerance: float = _TOLERANCE) -> BoolArray:
+def dual_array_observable(first: ArrayLike, second: ArrayLike, tolerance: float = _TOLERANCE) -> BoolArray:
     """Whether the bearings at two stations determine an emitter of constant acceleration.
 
     They do not iff the emitter stays on the baseline throughout, where both lines of sight are the baseline itself.
@@ -85,19 +87,20 @@ def dual_array_observable(first: Array, second: Array, tolerance: float = _TOLER
         ``(N,)``.
 
     Raises:
-        InputError: bearings that are not finite, or whose shapes differ.
+        InputError: bearings that are not finite, or whose shapes differ, fewer than five instants.
     """
-    _check_bearings("first", first)
-    _check_bearings("second", second)
-    if first.shape != second.shape:
-        raise InputError(f"second of shape {second.shape} is not possible: must be {first.shape}, as the first")
-    return np.logical_or.reduce(_between_lines(second, first) > tolerance, axis=0)
+    one, other = _record("first", first), _record("second", second)
+    if one.shape != other.shape:
+        raise InputError(f"second of shape {other.shape} is not possible: must be {one.shape}, as the first")
+    return np.logical_or.reduce(_between_lines(other, one) > tolerance, axis=0)
 
 
-def _check_bearings(field: str, bearings: Array) -> None:
-    """Refuse what is not a record of bearings ``(K, N)``."""
-    require_shape(field, bearings, 2, "instants and environments")
-    require_finite(field, bearings)
+def _record(field: str, bearings: ArrayLike) -> Array:
+    """A record of bearings ``(K, N)``; refuses whatever is none, or too short."""
+    record = require_shape(field, bearings, 2, "instants and environments")
+    if len(record) < _INSTANTS:
+        raise InputError(f"{field} of {len(record)} instants is not possible: must be at least {_INSTANTS}")
+    return record
 
 
 def _between_lines(first: Array, second: Array) -> Array:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from passloc_env.arrays import Array, BoolArray
+from passloc_env.checks import require_count, require_exactly, require_shape
 from passloc_env.errors import InputError
 from passloc_env.linalg import cholesky, log_determinant, matmul, row_gram, solve_lower, transpose
 from passloc_env.sensor_suite import SensorSuite
@@ -28,33 +30,45 @@ def fisher_rows(suite: SensorSuite, scene: Scene, detected: BoolArray | None = N
     return solve_lower(cholesky(suite.noise_covariance).lower, jacobian)
 
 
-def observability_matrix(rows: Array, transition: Array) -> Array:
+def observability_matrix(rows: ArrayLike, transition: ArrayLike) -> Array:
     """``H_k Φᵏ`` of all instants below each other, ``(K m, n, N)`` (paper 000, eq. 5).
 
     Args:
         rows: ``(K, m, n, N)``; instant k is k steps after the state that is asked for.
         transition: ``Φ (n, n)`` or ``(n, n, 1|N)`` of one step.
+
+    Raises:
+        InputError: other shapes, numbers that are not finite.
     """
-    instants, scalars, n, batch = rows.shape
-    step = transition if transition.ndim == 3 else transition[..., None]
-    mapped = np.empty(rows.shape)
+    record, step = _rows_and_transition(rows, transition)
+    instants, scalars, n, batch = record.shape
+    mapped = np.empty(record.shape)
     power = np.broadcast_to(np.eye(n)[..., None], step.shape)
     for k in range(instants):
-        mapped[k] = matmul(rows[k], power)
+        mapped[k] = matmul(record[k], power)
         power = matmul(step, power)
     return mapped.reshape(instants * scalars, n, batch)
 
 
-def gramian(rows: Array, transition: Array) -> Array:
-    """``Σ (Φᵏ)ᵀ H_kᵀ H_k Φᵏ``, ``(n, n, N)`` (paper 000, eq. 4); arguments as for :func:`observability_matrix`."""
-    _, scalars, n, batch = rows.shape
+def _rows_and_transition(rows: ArrayLike, transition: ArrayLike) -> tuple[Array, Array]:
+    """Rows ``(K, m, n, N)`` and the transition ``(n, n, 1|N)``, checked."""
+    record = require_shape("rows", rows, 4, "instants, scalars, states and environments")
+    n, batch = record.shape[2:]
+    step = require_exactly("transition", transition, (n, n), (n, n, 1), (n, n, batch))
+    return record, step if step.ndim == 3 else step[..., None]
+
+
+def gramian(rows: ArrayLike, transition: ArrayLike) -> Array:
+    """``Σ (Φᵏ)ᵀ H_kᵀ H_k Φᵏ``, ``(n, n, N)`` (paper 000, eq. 4); as for :func:`observability_matrix`."""
+    record, step = _rows_and_transition(rows, transition)
+    _, scalars, n, batch = record.shape
     total = np.zeros((n, n, batch))
-    for block in observability_matrix(rows, transition).reshape(-1, scalars, n, batch):
+    for block in observability_matrix(record, step).reshape(-1, scalars, n, batch):
         total += row_gram(transpose(block))
     return total
 
 
-def windowed_gram_determinant(rows: Array, transition: Array, window: int) -> Array:
+def windowed_gram_determinant(rows: ArrayLike, transition: ArrayLike, window: int) -> Array:
     """``ln det`` of the Gramian of each window of consecutive instants, mapped to the window's own start.
 
     Args:
@@ -66,14 +80,16 @@ def windowed_gram_determinant(rows: Array, transition: Array, window: int) -> Ar
         ``(K − window + 1, N)``; −inf where a window does not see the whole state.
 
     Raises:
-        InputError: a window below one or longer than the record.
+        InputError: a window below one or longer than the record, other shapes, numbers that are not finite.
     """
-    steps = len(rows)
-    if not 1 <= window <= steps:
+    record, step = _rows_and_transition(rows, transition)
+    require_count("window", window, at_least=1)
+    steps = len(record)
+    if window > steps:
         raise InputError(f"window = {window} is not possible: must be between 1 and the {steps} instants given")
-    determinants = np.empty((steps - window + 1, rows.shape[-1]))
+    determinants = np.empty((steps - window + 1, record.shape[-1]))
     for first in range(steps - window + 1):
-        stacked = np.moveaxis(observability_matrix(rows[first : first + window], transition), -1, 0)
+        stacked = np.moveaxis(observability_matrix(record[first : first + window], step), -1, 0)
         determinants[first] = _log_gram_determinant(stacked)
     return determinants
 
@@ -88,8 +104,15 @@ def _log_gram_determinant(stacked: Array) -> Array:
     return logarithm
 
 
-def gram_gain(before: Array, after: Array, prior_information: Array) -> Array:
-    """``ln det(G_k + P₀⁻¹) − ln det(G_{k−1} + P₀⁻¹)`` for Gramians ``(n, n, N)`` in Fisher units, ``(N,)``."""
-    return log_determinant(cholesky(after + prior_information).lower) - log_determinant(
-        cholesky(before + prior_information).lower
-    )
+def gram_gain(before: ArrayLike, after: ArrayLike, prior_information: ArrayLike) -> Array:
+    """``ln det(G_k + P₀⁻¹) − ln det(G_{k−1} + P₀⁻¹)`` for Gramians ``(n, n, N)`` in Fisher units, ``(N,)``.
+
+    Raises:
+        InputError: other shapes than ``(n, n, N)``, for the prior also ``(n, n, 1)``; numbers that are not finite.
+    """
+    earlier = require_shape("before", before, 3, "(n, n, environments)")
+    n, _, batch = earlier.shape
+    require_exactly("before", earlier, (n, n, batch))
+    later = require_exactly("after", after, earlier.shape)
+    prior = require_exactly("prior_information", prior_information, earlier.shape, (n, n, 1))
+    return log_determinant(cholesky(later + prior).lower) - log_determinant(cholesky(earlier + prior).lower)

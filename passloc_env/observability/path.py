@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from passloc_env.arrays import Array
+from passloc_env.checks import require_exactly, require_shape
 from passloc_env.dynamics import Dynamics
+from passloc_env.errors import InputError
 from passloc_env.information import Information
 from passloc_env.platforms import Pose
 from passloc_env.sensor_suite import SensorSuite
@@ -20,6 +22,7 @@ def cramer_rao_path(
     start: Array,
     prior: Array,
     path: Sequence[Sequence[Pose]],
+    uniforms: Sequence[Array | None] | None = None,
 ) -> Array:
     """The bound after every measurement of emitters that move as the model says, without process noise.
 
@@ -31,24 +34,34 @@ def cramer_rao_path(
         start: true states ``(n, N)`` one period before the first instant.
         prior: covariance ``(n, n, N)`` at the start, of the truth.
         path: at each instant, one pose per platform, ``(d, 1 | N)``.
+        uniforms: at each instant, one draw per sensor ``(s, 1 | N)``, for sensors that may miss; None where nothing is
+            missed by chance. What is hidden or on top of a platform is never measured.
 
     Returns:
         Covariances ``(K, n, n, N)``.
 
     Raises:
+        InputError: shapes that do not match, numbers that are not finite.
         TypeError: a motion that is not linear.
     """
-    environments = start.shape[1]
+    n = dynamics.layout.size
+    state = require_shape("start", start, 2, "states and emitters").copy()
+    environments = state.shape[1]
+    require_exactly("start", state, (n, environments))
+    known = require_exactly("prior", prior, (n, n, environments), (n, n, 1))
+    draws = [None] * len(path) if uniforms is None else list(uniforms)
+    if len(draws) != len(path):
+        raise InputError(f"uniforms of {len(draws)} instants is not possible: must be {len(path)}, as the path")
     information = Information(dynamics, environments)
-    information.start(np.arange(environments), prior)
-    state, time = start.copy(), np.zeros(environments)
+    information.start(np.arange(environments), known)
+    time = np.zeros(environments)
     bounds = np.empty((len(path), *information.bound.shape))
     with np.errstate(all="ignore"):
-        for instant, poses in enumerate(path):
+        for instant, (poses, chances) in enumerate(zip(path, draws, strict=True)):
             dynamics.advance(state, time)
             time += dynamics.period
             scene = Scene(state, dynamics.layout, list(poses))
             information.advance()
-            information.absorb(suite.jacobian(scene), suite, suite.detected(scene, None))
+            information.absorb(suite.jacobian(scene), suite, suite.detected(scene, chances))
             bounds[instant] = information.bound
     return bounds

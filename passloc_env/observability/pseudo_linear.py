@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from passloc_env.arrays import Array
+from passloc_env.checks import as_floats, require_count, require_exactly, require_positive, require_shape
 from passloc_env.errors import InputError
 from passloc_env.layout import StateLayout
-from passloc_env.observability.checks import require_finite, require_positive, require_shape
 
 
-def pseudo_linear_rows(bearing: Array, layout: StateLayout, doppler: bool = False) -> Array:
+def pseudo_linear_rows(bearing: ArrayLike, layout: StateLayout, doppler: bool = False) -> Array:
     """Rows of the pseudo-linear measurement at given bearings, planar problems.
 
     ``0 = cos θ · x − sin θ · y`` relative to the observer, and with Doppler
@@ -25,9 +26,14 @@ def pseudo_linear_rows(bearing: Array, layout: StateLayout, doppler: bool = Fals
 
     Returns:
         ``(K, 1 or 2, n, N)``; the bearing row in metres per metre, the Doppler row in m/s per m/s.
+
+    Raises:
+        InputError: bearings that are not finite or have another shape, a layout that is not planar.
     """
-    steps, batch = bearing.shape
-    sine, cosine = np.sin(bearing), np.cos(bearing)
+    record = require_shape("bearing", bearing, 2, "instants and environments")
+    _require_planar(layout)
+    steps, batch = record.shape
+    sine, cosine = np.sin(record), np.cos(record)
     rows = np.zeros((steps, 2 if doppler else 1, layout.size, batch))
     rows[:, 0, layout.position] = np.stack([cosine, -sine], axis=1)
     if doppler:
@@ -35,15 +41,26 @@ def pseudo_linear_rows(bearing: Array, layout: StateLayout, doppler: bool = Fals
     return rows
 
 
+def _require_planar(layout: StateLayout) -> None:
+    if layout.dimension != 2:
+        raise InputError(f"layout of {layout.dimension} axes is not possible: must be planar")
+
+
 def augmented_layout(layout: StateLayout) -> StateLayout:
     """The layout of the augmented state: the last row is the constant."""
     return layout.with_nuisance(("constant",))
 
 
-def augmented_transition(transition: Array) -> Array:
-    """``Φ`` with a last state that stays what it is, ``(n, n)`` or ``(n, n, 1|N)`` to ``(n + 1, n + 1, 1|N)``."""
-    step = transition if transition.ndim == 3 else transition[..., None]
+def augmented_transition(transition: ArrayLike) -> Array:
+    """``Φ`` with a last state that stays what it is, ``(n, n)`` or ``(n, n, 1|N)`` to ``(n + 1, n + 1, 1|N)``.
+
+    Raises:
+        InputError: another shape, numbers that are not finite.
+    """
+    given = as_floats("transition", transition)
+    step = require_shape("transition", given[..., None] if given.ndim == 2 else given, 3, "(n, n) or (n, n, 1|N)")
     n = len(step)
+    require_exactly("transition", step, (n, n, step.shape[2]))
     augmented = np.zeros((n + 1, n + 1, step.shape[-1]))
     augmented[:n, :n] = step
     augmented[n, n] = 1.0
@@ -51,8 +68,8 @@ def augmented_transition(transition: Array) -> Array:
 
 
 def augmented_pseudo_linear_rows(
-    bearings: Array,
-    stations: Array,
+    bearings: ArrayLike,
+    stations: ArrayLike,
     layout: StateLayout,
     *,
     propagation_speed: float,
@@ -87,15 +104,16 @@ def augmented_pseudo_linear_rows(
 
     Raises:
         InputError: shapes that do not match, a station that does not exist, bearings or stations that are not finite, a
-            speed or duration that is not finite and positive.
+            speed or duration that is not finite and positive, a layout that is not planar.
     """
-    _check_stations(bearings, stations, frequency_stations)
+    record, places = _checked_stations(bearings, stations, frequency_stations)
+    _require_planar(layout)
     require_positive("propagation_speed", propagation_speed)
     require_positive("duration", duration)
-    instants, count, batch = bearings.shape
+    instants, count, batch = record.shape
     heard = list(frequency_stations)
-    sine, cosine = np.sin(bearings), np.cos(bearings)
-    east, north = stations[:, 0, None], stations[:, 1, None]
+    sine, cosine = np.sin(record), np.cos(record)
+    east, north = places[:, 0, None], places[:, 1, None]
 
     rows = np.zeros((instants, count + len(heard), layout.size + 1, batch))
     constant = layout.size
@@ -106,14 +124,15 @@ def augmented_pseudo_linear_rows(
     return rows
 
 
-def _check_stations(bearings: Array, stations: Array, frequency_stations: Sequence[int]) -> None:
-    """Refuse bearings and stations that do not belong together."""
-    require_shape("bearings", bearings, 3, "instants, stations and environments")
-    require_finite("bearings", bearings)
-    count = bearings.shape[1]
-    if stations.shape != (count, 2):
-        raise InputError(f"stations of shape {stations.shape} is not possible: must be ({count}, 2) for these bearings")
-    require_finite("stations", stations)
+def _checked_stations(
+    bearings: ArrayLike, stations: ArrayLike, frequency_stations: Sequence[int]
+) -> tuple[Array, Array]:
+    """Bearings ``(K, S, N)`` and stations ``(S, 2)``; refuses those that do not belong together."""
+    record = require_shape("bearings", bearings, 3, "instants, stations and environments")
+    count = record.shape[1]
+    places = require_exactly("stations", stations, (count, 2))
     for station in frequency_stations:
-        if not 0 <= station < count:
+        require_count("frequency_stations", station, at_least=0)
+        if station >= count:
             raise InputError(f"frequency_stations = {station} is not possible: must be between 0 and {count - 1}")
+    return record, places

@@ -18,8 +18,8 @@ from __future__ import annotations
 import numpy as np
 
 from passloc_env.arrays import Array
+from passloc_env.checks import require_count, require_finite, require_positive
 from passloc_env.errors import InputError
-from passloc_env.observability.checks import require_finite, require_positive
 
 _CONTACT = 1e-60
 """Ranges below this, m, are none; powers of any other stay finite."""
@@ -39,16 +39,17 @@ def radial_acceleration_gram_determinant(
         period: T, s.
 
     Returns:
-        Finite everywhere, zero on radial tracks.
+        Zero on radial tracks, finite unless it overflows.
 
     Raises:
-        InputError: numbers that are not finite, a period that is not positive.
+        InputError: numbers that are not finite, shapes that do not match, a period that is not positive.
     """
     distance, along, speed = _track(closest_approach, along_track, speed, period)
     near, middle, far = _sorted_ranges(distance, along, speed, period, 3)
     # Only the nearest of three instants can be close to the observer: no quotient below exceeds 1 or 2/T.
     sines = _over(distance, near) ** 5 * _over(distance, middle) * _over(distance, far)
-    determinant: Array = -18.0 * period**3 * sines * (_over(speed, middle) * _over(speed, far)) ** 4
+    with np.errstate(over="ignore"):
+        determinant: Array = -18.0 * period**3 * sines * (_over(speed, middle) * _over(speed, far)) ** 4
     return determinant
 
 
@@ -66,15 +67,16 @@ def bearing_radial_acceleration_gram_determinant(
         period: T, s.
 
     Returns:
-        Finite everywhere, zero on radial tracks; grows without limit (as ``1/D``) towards a contact.
+        Zero on radial tracks, finite unless it overflows; grows without limit (as ``1/D``) towards a contact.
 
     Raises:
-        InputError: numbers that are not finite, a period that is not positive.
+        InputError: numbers that are not finite, shapes that do not match, a period that is not positive.
     """
     distance, along, speed = _track(closest_approach, along_track, speed, period)
     near, far = _sorted_ranges(distance, along, speed, period, 2)
     sines = _over(distance, near) ** 4
-    determinant: Array = -3.0 * period**2 * sines * _over(speed, near) * _over(speed, far) ** 4 * _over(1.0, far)
+    with np.errstate(over="ignore"):
+        determinant: Array = -3.0 * period**2 * sines * _over(speed, near) * _over(speed, far) ** 4 * _over(1.0, far)
     return determinant
 
 
@@ -91,16 +93,18 @@ def degree_of_observability(range: Array | float, speed: Array | float, aspect: 
         period: T, s.
 
     Returns:
-        At least zero; zero at zero range.
+        At least zero; zero at zero range, finite unless it overflows.
 
     Raises:
-        InputError: numbers that are not finite, a negative range, a period that is not positive.
+        InputError: numbers that are not finite, a negative range, shapes that do not match, a period that is not
+            positive.
     """
     distance, speed, aspect = _finite(range=range, speed=speed, aspect=aspect)
     require_positive("period", period)
     if (distance < 0.0).any():
         raise InputError(f"range = {distance.min()} is not possible: must be at least 0")
-    degree: Array = 18.0 * period**3 * _over(speed, distance) ** 8 * np.abs(np.sin(aspect)) ** 7
+    with np.errstate(over="ignore"):
+        degree: Array = 18.0 * period**3 * _over(speed, distance) ** 8 * np.abs(np.sin(aspect)) ** 7
     return degree
 
 
@@ -127,11 +131,11 @@ def track_state_rows(
         ``(D, L, v, φ)``; SI and radians. At a contact only ``∂θ/∂φ`` is not zero.
 
     Raises:
-        InputError: numbers that are not finite, a period that is not positive, fewer than one instant.
+        InputError: numbers that are not finite, a period that is not positive, fewer than one
+            instant or not a whole number of them.
     """
     distance, along, speed = _track(closest_approach, along_track, speed, period)
-    if instants < 1:
-        raise InputError(f"instants = {instants} is not possible: must be at least 1")
+    require_count("instants", instants, at_least=1)
     age = period * np.arange(instants).reshape(-1, *(1,) * distance.ndim)
     offset = along - age * speed
     ranges = np.hypot(distance, offset)
@@ -161,9 +165,12 @@ def _track(
 
 def _finite(**values: Array | float) -> tuple[Array, ...]:
     """Named numbers, checked and broadcast."""
-    for field, value in values.items():
-        require_finite(field, np.atleast_1d(np.asarray(value, float)))
-    return tuple(np.broadcast_arrays(*(np.asarray(value, float) for value in values.values())))
+    given = {field: require_finite(field, value) for field, value in values.items()}
+    try:
+        return tuple(np.broadcast_arrays(*given.values()))
+    except ValueError:
+        shapes = ", ".join(f"{field} {value.shape}" for field, value in given.items())
+        raise InputError(f"shapes {shapes} is not possible: must broadcast against each other") from None
 
 
 def _sorted_ranges(distance: Array, along: Array, speed: Array, period: float, instants: int) -> Array:
@@ -176,5 +183,6 @@ def _sorted_ranges(distance: Array, along: Array, speed: Array, period: float, i
 def _over(value: Array | float, distance: Array) -> Array:
     """``value / distance``, zero at a contact."""
     quotient = np.zeros(np.broadcast_shapes(np.shape(value), distance.shape))
-    np.divide(value, distance, out=quotient, where=distance > _CONTACT)
+    with np.errstate(over="ignore"):
+        np.divide(value, distance, out=quotient, where=distance > _CONTACT)
     return quotient

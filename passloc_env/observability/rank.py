@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from passloc_env.arrays import Array, IntArray
+from passloc_env.checks import require_exactly, require_positive
+from passloc_env.errors import InputError
 from passloc_env.layout import StateLayout
 from passloc_env.linalg import transpose
-from passloc_env.observability.checks import require_positive
 from passloc_env.observability.gramian import observability_matrix
 
 
@@ -57,7 +59,7 @@ def record_scale(layout: StateLayout, duration: float) -> Array:
 
 
 def rank_report(
-    rows: Array, transition: Array, layout: StateLayout, scale: Array, tolerance: float = 1e-9
+    rows: ArrayLike, transition: ArrayLike, layout: StateLayout, scale: ArrayLike, tolerance: float = 1e-9
 ) -> RankReport:
     """Rank and condition of a record, and the weakest direction by name.
 
@@ -69,14 +71,22 @@ def rank_report(
         layout: rows of the state.
         scale: what counts as one in each state ``(n,)``, e.g. the prior standard deviations or :func:`record_scale`.
         tolerance: singular values below this share of the largest count as zero.
+
+    Raises:
+        InputError: shapes that do not match, numbers that are not finite, a scale that is not positive.
     """
-    stacked = np.moveaxis(observability_matrix(rows, transition) * scale[:, None], -1, 0)
+    matrix = observability_matrix(rows, transition)
+    if matrix.shape[1] != layout.size:
+        raise InputError(f"rows of {matrix.shape[1]} states is not possible: the layout has {layout.size}")
+    units = require_exactly("scale", scale, (layout.size,))
+    require_positive("scale", float(units.min()))
+    stacked = np.moveaxis(matrix * units[:, None], -1, 0)
     # Rows of zeros change no Gramian; with at least n rows the SVD gives all n directions.
     missing = max(layout.size - stacked.shape[1], 0)
     stacked = np.pad(stacked, ((0, 0), (0, missing), (0, 0)))
     _, values, right = np.linalg.svd(stacked, full_matrices=False)
     rank = (values > tolerance * values[:, :1]).sum(axis=1)
-    weakest = transpose(right[:, -1]) * scale[:, None]
+    weakest = transpose(right[:, -1]) * units[:, None]
     dominant = np.abs(right[:, -1]).argmax(axis=1)
     weakest = weakest * np.sign(weakest[dominant, np.arange(len(dominant))])
     smallest = values[:, -1]

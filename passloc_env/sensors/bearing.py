@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, Number
+from passloc_env.arrays import Array, BoolArray, Number
 from passloc_env.fields import count, option, quantity, vector
 from passloc_env.sensors.sensor import Sensor, scalar_covariance
 from passloc_env.sightline import Scene
@@ -31,6 +31,11 @@ class Bearing(Sensor):
             doubled = 2.0 * np.sqrt(3.0) * self.sigma
             return 0.5 * (1.0 - np.sin(doubled) / doubled)
         return 0.5 * (1.0 - np.exp(-2.0 * np.square(self.sigma)))
+
+    def undefined(self, scene: Scene) -> BoolArray:
+        """Straight above or below too: from there every compass direction leads away."""
+        nowhere: BoolArray = scene.sightline(self.platform, self.lever_arm).plumb
+        return nowhere
 
     def measure(self, scene: Scene) -> Array:
         """``θ (1, …, N)``."""

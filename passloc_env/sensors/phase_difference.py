@@ -47,8 +47,11 @@ class PhaseDifference(Sensor):
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
         """The misalignment about each body axis when it is unknown."""
-        if not self.misaligned:
-            return ()
+        return self.nuisance_claims if self.misaligned else ()
+
+    @property
+    def nuisance_claims(self) -> tuple[Nuisance, ...]:
+        """The body that carries it is one: either its misalignment is known to all interferometers, or to none."""
         names = (f"{rotation}_error_{self.platform}" for rotation in _ROTATIONS)
         return tuple(Nuisance(name, self.misalignment_sigma) for name in names)
 

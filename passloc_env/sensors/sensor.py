@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from passloc_env.arrays import Array, Number
+from passloc_env.arrays import Array, BoolArray, Number
 from passloc_env.component import Component
 from passloc_env.fields import abstract
 from passloc_env.nuisance import Nuisance
@@ -48,8 +48,18 @@ class Sensor(Component):
         """The nuisance states it needs."""
         return ()
 
+    @property
+    def nuisance_claims(self) -> tuple[Nuisance, ...]:
+        """What it says of nuisances: those it needs, and with the deviation 0 those it takes for known to all."""
+        return self.nuisances
+
     def check(self, dimension: int) -> None:
         """Raise ScenarioError when the sensor does not fit a problem of this dimension."""
+
+    def undefined(self, scene: Scene) -> BoolArray:
+        """Where there is nothing to measure ``(…, N)``: the emitter is at the very place of the sensor."""
+        nowhere: BoolArray = np.logical_or.reduce([scene.sightline(*place).on_top for place in self.places])
+        return nowhere
 
     def measure(self, scene: Scene) -> Array:
         """The noise-free measurement ``(m, …, N)``."""

@@ -15,8 +15,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from passloc_env.arrays import Array
+from passloc_env.checks import as_floats, require_count, require_finite, require_positive
 from passloc_env.errors import InputError
 from passloc_env.linalg import tree_sum
 
@@ -39,7 +41,7 @@ class LineFit(NamedTuple):
     middle_covariance: Array
 
 
-def line_fit(values: Array, spacing: float) -> LineFit:
+def line_fit(values: ArrayLike, spacing: float) -> LineFit:
     """The least-squares line through the equally spaced pulses of a beat.
 
     Args:
@@ -50,17 +52,16 @@ def line_fit(values: Array, spacing: float) -> LineFit:
     Raises:
         InputError: fewer than two pulses, values that are not finite, a spacing that is not finite and positive.
     """
-    if values.ndim < 2:
-        raise InputError(f"values of shape {values.shape} is not possible: must be (…, pulses, environments)")
-    pulses = values.shape[-2]
+    beat = as_floats("values", values)
+    if beat.ndim < 2:
+        raise InputError(f"values of shape {beat.shape} is not possible: must be (…, pulses, environments)")
+    pulses = beat.shape[-2]
     start_covariance = line_covariance(pulses, spacing)
-    offenders = values[~np.isfinite(values)]
-    if offenders.size:
-        raise InputError(f"values = {offenders[0]} is not possible: must be finite")
+    require_finite("values", beat)
 
     # Measured from the first pulse, large values with small changes lose no digits.
-    first = values[..., 0, :]
-    changes = np.moveaxis(values, -2, 0) - first
+    first = beat[..., 0, :]
+    changes = np.moveaxis(beat, -2, 0) - first
     offsets = np.arange(pulses) - 0.5 * (pulses - 1)
     slope = tree_sum(offsets.reshape(-1, *(1,) * first.ndim) * changes) * (12.0 / (pulses * (pulses**2 - 1.0)))
     mean = tree_sum(changes) / pulses
@@ -85,13 +86,12 @@ def line_covariance(pulses: int, spacing: float, at: float = 0.0) -> Array:
         ``(2, 2)``; in units of 1, 1/s and 1/s².
 
     Raises:
-        InputError: fewer than two pulses, a spacing that is not finite and positive, an instant that is not finite.
+        InputError: fewer than two pulses or not a whole number of them, a spacing that is not finite and positive, an
+            instant that is not finite.
     """
-    _check_pulses(pulses)
-    if not 0.0 < spacing < math.inf:
-        raise InputError(f"spacing = {spacing} is not possible: must be finite and above 0")
-    if not math.isfinite(at):
-        raise InputError(f"at = {at} is not possible: must be finite")
+    require_count("pulses", pulses, at_least=2)
+    require_positive("spacing", spacing)
+    require_finite("at", at)
     rate = 12.0 / (pulses * (pulses**2 - 1.0) * spacing**2)
     lever = (at - 0.5) * (pulses - 1) * spacing
     return np.array([[1.0 / pulses + lever**2 * rate, lever * rate], [lever * rate, rate]])
@@ -104,7 +104,7 @@ def independent_offset(pulses: int, spacing: float) -> float:
     a whole line as two looks.
 
     Raises:
-        InputError: fewer than two pulses, a spacing that is not finite and positive.
+        InputError: fewer than two pulses or not a whole number of them, a spacing that is not finite and positive.
     """
     covariance = line_covariance(pulses, spacing, at=0.5)
     return math.sqrt(covariance[0, 0] / covariance[1, 1])
@@ -114,12 +114,7 @@ def start_value_loss(pulses: int) -> float:
     """Standard deviation of a line's value at the first pulse over that at mid-beat: ``√(2(2K − 1)/(K + 1))``.
 
     Raises:
-        InputError: fewer than two pulses.
+        InputError: fewer than two pulses, or not a whole number of them.
     """
-    _check_pulses(pulses)
+    require_count("pulses", pulses, at_least=2)
     return math.sqrt(2.0 * (2 * pulses - 1) / (pulses + 1))
-
-
-def _check_pulses(pulses: int) -> None:
-    if pulses < 2:
-        raise InputError(f"pulses = {pulses} is not possible: a line needs at least 2")

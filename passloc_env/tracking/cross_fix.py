@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from passloc_env.arrays import Array, BoolArray, rows
+from passloc_env.checks import as_floats, require_exactly, require_finite
 from passloc_env.errors import InputError
 from passloc_env.linalg import tree_sum
 from passloc_env.tracking.bearing_likelihood import likeliest
@@ -117,7 +118,8 @@ def positive_range_fix(stations: Array, bearings: Array, pull: tuple[Array, Arra
     """The point closest to all bearing rays and, if wanted, to a place believed in before.
 
     Minimises ``Σ (e² + min(u·(s − p), 0)²) + w |s − c|²``: Shen et al. 2014 (paper 004), eq. 12, with its ranges
-    eliminated and a pull added.
+    eliminated and a pull added. Where the bearings determine no point, the fix is the one of all that fit equally well
+    that lies closest to the centre of the pull, however weak.
 
     Args:
         stations: ``(2, M, N)``; beside a pull a single one will do.
@@ -131,7 +133,7 @@ def positive_range_fix(stations: Array, bearings: Array, pull: tuple[Array, Arra
         InputError: wrong shapes, too few stations, numbers that are not finite, negative weights.
     """
     view = _view(stations, bearings, 2 if pull is None else 1)
-    rays = view.rays if pull is None else _pulled(view, *pull)
+    rays = view.rays if pull is None else _pulled(view, pull)
     point, behind, normal = closest(rays)
     return Fix(view.centroid + point, normal.full(), rays.cost(point, rays.seen(point)), ~behind)
 
@@ -199,33 +201,24 @@ class _View(NamedTuple):
 
 def _view(stations: ArrayLike, bearings: ArrayLike, least: int = 2) -> _View:
     """Checks shapes and numbers, and moves the origin."""
-    places, angles = np.asarray(stations, np.float64), np.asarray(bearings, np.float64)
+    places, angles = as_floats("stations", stations), as_floats("bearings", bearings)
     if places.ndim != 3 or len(places) != 2 or places.shape[1] < least:
-        raise InputError(f"stations has shape {places.shape}: must be (2, M, N) with M ≥ {least}")
-    if angles.shape != places.shape[1:]:
-        raise InputError(f"bearings has shape {angles.shape}: must be {places.shape[1:]}, one for each station")
-    _check_finite("stations", places)
-    _check_finite("bearings", angles)
+        raise InputError(f"stations of shape {places.shape} is not possible: must be (2, M, N) with M ≥ {least}")
+    require_finite("stations", places)
+    require_exactly("bearings", angles, places.shape[1:])
     centroid = tree_sum(places.swapaxes(0, 1).copy()) / places.shape[1]
     places = places - centroid[:, None]
     free = np.zeros(centroid.shape), np.zeros(centroid.shape[1])
     return _View(centroid, places, angles, Rays.from_stations(places, angles, *free))
 
 
-def _pulled(view: _View, centre: ArrayLike, weight: ArrayLike) -> Rays:
+def _pulled(view: _View, pull: tuple[ArrayLike, ArrayLike]) -> Rays:
     """The rays with a pull, checked."""
-    place, strength = np.asarray(centre, np.float64), np.asarray(weight, np.float64)
-    for name, given, like in (("centre", place, view.centroid), ("weight", strength, view.centroid[0])):
-        if given.shape != like.shape:
-            raise InputError(f"the pull's {name} has shape {given.shape}: must be {like.shape}")
-        _check_finite(f"the pull's {name}", given)
+    if not isinstance(pull, tuple) or len(pull) != 2:
+        raise InputError(f"pull = {' '.join(str(pull).split())[:40]} is not possible: must be (centre, weight)")
+    place = require_exactly("the pull's centre", pull[0], view.centroid.shape)
+    strength = require_exactly("the pull's weight", pull[1], view.centroid.shape[1:])
     if (strength < 0.0).any():
         raise InputError(f"the pull's weight = {strength.min()} is not possible: must not be negative")
-    return replace(view.rays, centre=place - view.centroid, weight=strength)
-
-
-def _check_finite(name: str, given: Array) -> None:
-    good = np.isfinite(given)
-    if not good.all():
-        place = tuple(int(index[0]) for index in np.nonzero(~good))
-        raise InputError(f"{name}{list(place)} = {given[place]} is not possible: must be finite")
+    # Without weight it is no pull, and chooses none of the points that fit equally well.
+    return replace(view.rays, centre=np.where(strength > 0.0, place - view.centroid, 0.0), weight=strength)

@@ -79,7 +79,7 @@ class CrossingTrack(UnscentedTrack):
                 self._pass(array, poses, passed)
                 self._silence(array, heard, passed)
             if self._clearance:
-                self._silence(array, heard, self._reaches_past(array, bearing, poses))
+                self._silence(array, heard, heard[row] & self._reaches_past(array, bearing, poses))
         super().update(measurement, poses, None if detected is None and heard.all() else heard)
 
     def _reaches_past(self, array: Sensor, bearing: Array, poses: list[Pose]) -> BoolArray:
@@ -114,9 +114,9 @@ class CrossingTrack(UnscentedTrack):
         correct(self, right, innovation_covariance, floors, np.broadcast_to(passed, floors.shape))
 
     def _silence(self, array: Sensor, heard: BoolArray, columns: BoolArray) -> None:
-        """Leave out what the sensors at this array measured in some environments."""
+        """Leave out what the sensors that listen at this array measured in some environments."""
         for sensor, rows in zip(self.models.suite.sensors, self.models.suite.rows, strict=True):
-            if sensor.platform == array.platform and np.array_equal(sensor.lever_arm, array.lever_arm):
+            if any(p == array.platform and np.array_equal(arm, array.lever_arm) for p, arm in sensor.places):
                 heard[rows] &= ~columns
 
     def state_arrays(self) -> dict[str, np.ndarray]:

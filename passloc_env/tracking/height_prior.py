@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, Number
+from passloc_env.arrays import Array, BoolArray, Number
+from passloc_env.distributions import extremes
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import count, quantity
-from passloc_env.frames import EARTH_RADIUS, cross, geodetic, local_axes, meet_height
+from passloc_env.frames import EARTH_RADIUS, cross, from_geodetic, geodetic, local_axes, meet_height
 from passloc_env.linalg import diagonal, inner, matmul, row_gram, transpose
+from passloc_env.platforms import CircularOrbit, Platform
 from passloc_env.sensors import PhaseDifference, Sensor
 from passloc_env.sightline import Scene
 from passloc_env.tracking.initialisation import FirstLook, Prior, blank
@@ -28,6 +30,9 @@ class HeightPrior(Prior):
     the fix, so they and the position begin correlated. Where noise lets the direction miss the Earth, the fix is the
     point of the line that lies nearest to the Earth's centre; where it grazes, the spread along it is the stretch that
     lies within ``σ_h`` of the height, for there the height is no slope but a parabola.
+
+    An emitter that the satellite does not hear has no direction: the belief is then the point below the satellite, as
+    uncertain along each axis as its horizon is far.
     """
 
     height: Number = quantity("assumed height above the ellipsoid", unit="m")
@@ -40,14 +45,19 @@ class HeightPrior(Prior):
         """The satellite that makes the fix."""
         return self.platform
 
-    def check(self, sensors: tuple[Sensor, ...], dimension: int) -> None:
-        """The satellite must carry interferometers along two body axes."""
+    def check(self, sensors: tuple[Sensor, ...], platforms: tuple[Platform, ...], dimension: int) -> None:
+        """The satellite must carry interferometers along two body axes, and fly above the height."""
         if dimension != 3:
             raise ScenarioError("platform", self.platform, "a fix at a height needs a scenario in space")
         axes = [sensor.axis for _, sensor in self._interferometers(sensors)]
         if sorted(axes) != [0, 1]:
             allowed = f"must carry one PhaseDifference along each of the axes 0 and 1; it has them along {axes}"
             raise ScenarioError("platform", self.platform, allowed)
+        satellite = platforms[self.platform]
+        # The orbit counts from the equatorial radius: nowhere is it closer to the ellipsoid.
+        if isinstance(satellite, CircularOrbit) and extremes(self.height)[1] >= extremes(satellite.altitude)[0]:
+            allowed = f"must be below the orbit, {extremes(satellite.altitude)[0]:g} m"
+            raise ScenarioError("height", self.height, allowed)
 
     def _interferometers(self, sensors: tuple[Sensor, ...]) -> list[tuple[int, PhaseDifference]]:
         """The satellite's interferometers with their place among the sensors."""
@@ -56,16 +66,50 @@ class HeightPrior(Prior):
 
     def start(self, look: FirstLook) -> tuple[Array, Array]:
         """The fix, at rest."""
-        towards = self._direction(look)
-        fix = meet_height(look.pose.position, towards, self.height)
+        fix = meet_height(self._origin(look), self._direction(look), self.height)
         mean = np.zeros(look.truth.shape)
         mean[look.layout.position] = fix.position
-        return mean, self._spread(look, mean, fix.normal)
+        covariance = self._spread(look, mean, fix.normal)
+        heard = self._heard(look)
+        if not heard.all():
+            mean[look.layout.position] = np.where(heard, fix.position, self._below(look))
+            covariance = np.where(heard, covariance, self._unheard(look))
+        return mean, covariance
 
     def at_truth(self, look: FirstLook) -> Array:
         """The same covariance with the gradients taken at the truth."""
         place = geodetic(look.truth[look.layout.position])
-        return self._spread(look, look.truth, local_axes(place.latitude, place.longitude)[2])
+        covariance = self._spread(look, look.truth, local_axes(place.latitude, place.longitude)[2])
+        heard = self._heard(look)
+        return covariance if heard.all() else np.where(heard, covariance, self._unheard(look))
+
+    def _heard(self, look: FirstLook) -> BoolArray:
+        """Whether both phases were measured ``(N,)``."""
+        if look.detected is None:
+            return np.ones(look.measurement.shape[1], bool)
+        return np.logical_and.reduce(look.detected[self._rows(look)], axis=0)
+
+    def _rows(self, look: FirstLook) -> list[int]:
+        """The phases among the measurements."""
+        return [look.suite.rows[index].start for index, _ in self._interferometers(look.suite.sensors)]
+
+    def _origin(self, look: FirstLook) -> Array:
+        """Midway between the interferometers ``(3, N)``: metres, beside the hundreds of kilometres to the fix."""
+        first, other = (look.pose.mounted(s.lever_arm) for _, s in self._interferometers(look.suite.sensors))
+        return 0.5 * (first.position + other.position)
+
+    def _below(self, look: FirstLook) -> Array:
+        """The point at the height below the satellite ``(3, N)``."""
+        place = geodetic(look.pose.position)
+        return from_geodetic(place.latitude, place.longitude, np.broadcast_to(self.height, place.height.shape))
+
+    def _unheard(self, look: FirstLook) -> Array:
+        """Covariance ``(n, n, N)`` as wide as the horizon, ``√(a² − R²)`` away from an orbit of radius a."""
+        _, covariance = blank(look, self.acceleration_sigma, look.truth.shape[1])
+        own = look.pose.position
+        diagonal(covariance)[look.layout.position] = np.maximum(inner(own, own) - EARTH_RADIUS**2, 0.0)
+        diagonal(covariance)[look.layout.velocity] = np.square(self.velocity_sigma)
+        return covariance
 
     def _direction(self, look: FirstLook) -> Array:
         """Unit vector ``(3, N)`` of the measured direction, taken to point below the satellite."""
@@ -80,9 +124,9 @@ class HeightPrior(Prior):
     def _spread(self, look: FirstLook, state: Array, normal: Array) -> Array:
         layout, nuisances = look.layout, look.layout.nuisances
         _, covariance = blank(look, self.acceleration_sigma, state.shape[1])
-        rows = [look.suite.rows[index].start for index, _ in self._interferometers(look.suite.sensors)]
+        rows = self._rows(look)
         jacobian = look.suite.jacobian(Scene(state, layout, look.poses))[rows]
-        steep = self._steep(normal, state[layout.position] - look.pose.position)
+        steep = self._steep(normal, state[layout.position] - self._origin(look))
         inverse = _inverse(np.concatenate([jacobian[:, layout.position], steep[None]]))
         sigma = (*np.sqrt(diagonal(look.suite.noise_covariance)[rows]), np.asarray(self.height_sigma, float))
         position = row_gram(inverse * np.stack([np.broadcast_to(s, normal.shape[1:]) for s in sigma]))

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from passloc_env.angles import bearing_of, direction
-from passloc_env.arrays import Array, Number
+from passloc_env.arrays import Array, BoolArray, Number
 from passloc_env.component import Component
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import abstract, count, quantity
 from passloc_env.layout import StateLayout
 from passloc_env.nuisance import Nuisance
-from passloc_env.platforms import Pose
+from passloc_env.platforms import Platform, Pose
 from passloc_env.sensor_suite import SensorSuite
 from passloc_env.sensors import Bearing, Sensor
 
@@ -35,6 +35,7 @@ class FirstLook:
         normals: standard normals ``(p, N)`` for what is scattered around the truth.
         nuisances: the nuisance states of the layout.
         carrier: the platform that the prior starts from.
+        detected: which scalars ``(m, N)`` were measured; None means all.
     """
 
     layout: StateLayout
@@ -45,6 +46,7 @@ class FirstLook:
     normals: Array
     nuisances: tuple[Nuisance, ...]
     carrier: int = 0
+    detected: BoolArray | None = None
 
     @property
     def pose(self) -> Pose:
@@ -67,7 +69,7 @@ class Prior(Component):
         """The platform whose pose the prior starts from."""
         return 0
 
-    def check(self, sensors: tuple[Sensor, ...], dimension: int) -> None:
+    def check(self, sensors: tuple[Sensor, ...], platforms: tuple[Platform, ...], dimension: int) -> None:
         """Raise ScenarioError when the prior does not fit the scenario."""
 
     def start(self, look: FirstLook) -> tuple[Array, Array]:
@@ -81,7 +83,11 @@ class Prior(Component):
 
 @abstract
 class BearingPrior(Prior):
-    """Base of priors that take their direction from the first bearing (planar problems)."""
+    """Base of priors that take their direction from the first bearing (planar problems).
+
+    Tracking begins with the first detection: the look that a prior is made from is heard, whatever the sensor's
+    ``detection_probability``.
+    """
 
     sensor: int
 
@@ -89,7 +95,7 @@ class BearingPrior(Prior):
         """The platform that carries the bearing sensor."""
         return sensors[self.sensor].platform
 
-    def check(self, sensors: tuple[Sensor, ...], dimension: int) -> None:
+    def check(self, sensors: tuple[Sensor, ...], platforms: tuple[Platform, ...], dimension: int) -> None:
         """The sensor named must be a bearing, and the problem planar."""
         if self.sensor >= len(sensors) or not isinstance(sensors[self.sensor], Bearing):
             bearings = [i for i, sensor in enumerate(sensors) if isinstance(sensor, Bearing)]
@@ -103,9 +109,13 @@ class BearingPrior(Prior):
         sigma: Array = np.sqrt(look.suite.noise_covariance[row, row])
         return look.measurement[row], sigma
 
+    def _origin(self, look: FirstLook) -> Array:
+        """Where the bearing is taken ``(2, N)``."""
+        return look.pose.mounted(look.suite.sensors[self.sensor].lever_arm).position
+
     def _truth_seen(self, look: FirstLook) -> tuple[Array, Array]:
         """True bearing and range ``(N,)``."""
-        offset = look.truth[look.layout.position] - look.pose.position
+        offset = look.truth[look.layout.position] - self._origin(look)
         return bearing_of(offset), np.hypot(offset[0], offset[1])
 
 
@@ -150,7 +160,7 @@ class RangePrior(BearingPrior):
         """Centred on the first measured bearing."""
         bearing, sigma = self._first_bearing(look)
         mean, covariance = self._spread(look, bearing, self.range * sigma)
-        mean[look.layout.position] = look.pose.position + self.range * direction(bearing)
+        mean[look.layout.position] = self._origin(look) + self.range * direction(bearing)
         return mean, covariance
 
     def at_truth(self, look: FirstLook) -> Array:
@@ -195,7 +205,7 @@ class CoursePrior(BearingPrior):
         distance = np.maximum(true_range + self.range_sigma * look.normals[0], self.min_range)
         speed = np.maximum(_speed(look) + self.speed_sigma * look.normals[1], self.min_speed)
         mean, covariance = self._spread(look, bearing, distance * sigma, speed)
-        mean[look.layout.position] = look.pose.position + distance * direction(bearing)
+        mean[look.layout.position] = self._origin(look) + distance * direction(bearing)
         mean[look.layout.velocity] = speed * direction(bearing + np.pi)
         return mean, covariance
 

@@ -10,6 +10,7 @@ from passloc_env.arrays import Array, Number
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import quantity, vector
 from passloc_env.linalg import diagonal
+from passloc_env.platforms import Platform
 from passloc_env.sensors import Sensor
 from passloc_env.tracking.initialisation import FirstLook, Prior, blank
 
@@ -23,7 +24,7 @@ class PlacePrior(Prior):
     velocity_sigma: Number = quantity("standard deviation of the velocity per axis", unit="m/s", above=0)
     acceleration_sigma: Number = quantity("standard deviation of the acceleration per axis", 0.01, unit="m/s²", above=0)
 
-    def check(self, sensors: tuple[Sensor, ...], dimension: int) -> None:
+    def check(self, sensors: tuple[Sensor, ...], platforms: tuple[Platform, ...], dimension: int) -> None:
         """The place has as many axes as the problem."""
         if len(self.position) != dimension:
             raise ScenarioError("position", self.position, f"must have {dimension} axes")

@@ -9,12 +9,13 @@ which three instants determine: this is how they determine range and speed (pape
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from passloc_env.arrays import Array, BoolArray, rows
+from passloc_env.checks import as_floats, require_positive
 from passloc_env.errors import InputError
 
 _ROUNDING = 4.0 * float(np.finfo(float).eps)
@@ -34,7 +35,7 @@ class TrackSolution(NamedTuple):
     sound: BoolArray
 
 
-def solve_track(accelerations: Array, period: float) -> TrackSolution:
+def solve_track(accelerations: ArrayLike, period: float) -> TrackSolution:
     """The straight track with three given radial accelerations.
 
     Neither the side on which the track passes (the sign of D) nor its direction can be told. No solution is sound where
@@ -51,15 +52,15 @@ def solve_track(accelerations: Array, period: float) -> TrackSolution:
     Raises:
         InputError: not three accelerations, a period that is not finite and positive.
     """
-    if accelerations.ndim != 2 or len(accelerations) != 3:
-        raise InputError(f"accelerations of shape {accelerations.shape} is not possible: must be (3, environments)")
-    if not 0.0 < period < math.inf:
-        raise InputError(f"period = {period} is not possible: must be finite and above 0")
+    radial = as_floats("accelerations", accelerations)
+    if radial.ndim != 2 or len(radial) != 3:
+        raise InputError(f"accelerations of shape {radial.shape} is not possible: must be (3, environments)")
+    require_positive("period", period)
 
-    positive = np.logical_and.reduce(accelerations > 0.0, axis=0)
-    accelerations = np.where(positive, accelerations, 1.0)
+    positive = np.logical_and.reduce(radial > 0.0, axis=0)
+    radial = np.where(positive, radial, 1.0)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        state, curved = _straight_track(accelerations, period)
+        state, curved = _straight_track(radial, period)
         sound = positive & curved & np.isfinite(state).all(axis=0)
     return TrackSolution(np.where(sound, state, 0.0), sound)
 

@@ -50,9 +50,11 @@ class Symmetric(NamedTuple):
 
     def solve(self, right: Array) -> Array:
         """``A⁻¹ b (2, N)``; with the pseudo-inverse ``A / trace²`` of rank one where the matrix is singular."""
-        xx, xy, yy = self
-        regular = self.regular
-        scale = 1.0 / np.where(regular, self.determinant, np.square(xx + yy))
+        # A power of two changes no digit, and the determinant of a strong pull stays a number.
+        power = np.ldexp(1.0, -np.frexp(np.maximum(self.xx, self.yy))[1])
+        xx, xy, yy = scaled = Symmetric(self.xx * power, self.xy * power, self.yy * power)
+        regular, right = scaled.regular, right * power
+        scale = 1.0 / np.where(regular, scaled.determinant, np.square(xx + yy))
         x = np.where(regular, yy * right[0] - xy * right[1], xx * right[0] + xy * right[1])
         y = np.where(regular, xx * right[1] - xy * right[0], xy * right[0] + yy * right[1])
         return rows(x * scale, y * scale)
@@ -179,9 +181,12 @@ def closest(rays: Rays) -> tuple[Array, BoolArray, Symmetric]:
 
 
 def _first_crossing(rays: Rays, normal: Symmetric) -> Array:
-    """The crossing of the lines as the normal equations have it."""
-    centroid = np.zeros(rays.centre.shape)
-    return -normal.solve(rays.slope(centroid, Seen(-rays.ahead, -rays.aside)))
+    """The crossing of the lines as the normal equations have it.
+
+    They are solved from the pull's centre: along parallel lines, where no line says anything, the point stays abreast
+    of it, however weak the pull.
+    """
+    return rays.centre - normal.solve(rays.slope(rays.centre, rays.seen(rays.centre)))
 
 
 def _corrected(rays: Rays, point: Array, normal: Symmetric, behind: BoolArray | None = None) -> Array:

@@ -39,7 +39,7 @@ class RecursiveCrossFix(Tracker):
     motion: Motion = part(Motion, "how the emitter moves; it stays where it is", ConstantVelocity())
     memory: int = count("looks that are kept, the newest ones", 64, at_least=1)
     compensated: bool = flag("whether the stations' pull on the fix is taken back", True)
-    prior_rays: float = quantity("rays that the prior is worth", 0.5, above=0, plain=True)
+    prior_rays: float = quantity("rays that the prior is worth", 0.5, at_least=1e-9, plain=True)
 
     def check(self, sensors: tuple[Sensor, ...], dimension: int) -> None:
         """Bearings in the plane are all it takes."""
@@ -104,6 +104,8 @@ class CrossFixTrack(Track):
             self.heard[slot, index, columns] = True if detected is None else detected[index]
         self.looks += 1
         self._cross()
+        finite = np.isfinite(self.mean).all(axis=0) & np.isfinite(self.covariance).all(axis=(0, 1))
+        self.nis[...] = np.where(finite, 0.0, np.nan)
 
     def _cross(self) -> None:
         """The point closest to the rays and the prior's centre, and its covariance."""

@@ -37,7 +37,7 @@ class ScatteredPrior(BearingPrior):
         layout = look.layout
         distance = np.maximum(true_range + self.range_sigma * look.normals[0], self.min_range)
         mean, covariance = self._spread(look, bearing, distance * sigma)
-        mean[layout.position] = look.pose.position + distance * direction(bearing)
+        mean[layout.position] = self._origin(look) + distance * direction(bearing)
         for row, normal in zip(range(layout.dimension, layout.kinematic.stop), look.normals[1:], strict=True):
             mean[row] = look.truth[row] + np.sqrt(covariance[row, row]) * normal
         return mean, covariance

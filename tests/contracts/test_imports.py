@@ -14,7 +14,7 @@ PACKAGES = ("passloc_env", "agents", "training")
 
 ROOMS = [
     ["arrays", "errors", "lazy", "units", "shadowing"],
-    ["angles", "layout", "linalg", "component", "nuisance"],
+    ["angles", "checks", "layout", "linalg", "component", "nuisance"],
     ["frames", "distributions", "noise", "overrides"],
     ["fields"],
     ["motion", "randomisation"],

@@ -120,7 +120,7 @@ def test_leading_axes_are_kept_and_the_batch_does_not_matter(assert_batch_free: 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: line_fit(np.zeros((1, 3)), 0.1), "pulses = 1 is not possible: a line needs at least 2"),
+        (lambda: line_fit(np.zeros((1, 3)), 0.1), "pulses = 1 is not possible: must be at least 2, a whole number"),
         (lambda: line_fit(np.zeros(3), 0.1), r"values of shape \(3,\) is not possible"),
         (lambda: line_fit(np.zeros((2, 3)), 0.0), "spacing = 0.0 is not possible: must be finite and above 0"),
         (lambda: line_fit(np.array([[0.0], [np.nan]]), 0.1), "values = nan is not possible: must be finite"),
@@ -128,9 +128,18 @@ def test_leading_axes_are_kept_and_the_batch_does_not_matter(assert_batch_free: 
         (lambda: line_covariance(2, np.inf), "spacing = inf is not possible"),
         (lambda: line_covariance(2, 0.1, at=np.nan), "at = nan is not possible: must be finite"),
         (lambda: start_value_loss(1), "pulses = 1 is not possible"),
+        (lambda: start_value_loss(2.5), "pulses = 2.5 is not possible: must be at least 2, a whole number"),
+        (lambda: line_covariance(10.5, 0.1), "pulses = 10.5 is not possible"),
+        (lambda: line_fit([["a"], ["b"]], 0.1), "values = .* is not possible: must be real numbers"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call: Callable[[], object], message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+def test_whole_numbers_of_few_bits_do_not_wrap() -> None:
+    """A falling line in bytes: 200, 150, 100, 50. Changes from the first pulse are negative, which bytes are not."""
+    fit = line_fit(np.array([[200], [150], [100], [50]], np.uint8), 0.5)
+    np.testing.assert_allclose([fit.start[0], fit.middle[0], fit.rate[0]], [200.0, 125.0, -100.0], rtol=1e-14)

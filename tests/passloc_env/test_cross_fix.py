@@ -345,17 +345,28 @@ def test_no_columns() -> None:
 
 
 STATIONS, BEARINGS = np.arange(6.0).reshape(2, 3, 1), np.zeros((3, 1))
+RAGGED = "bearings is not possible: must be numbers in rows of equal length"
 BAD = {
-    "three rows": (np.zeros((3, 3, 1)), BEARINGS, "stations has shape (3, 3, 1): must be (2, M, N) with M ≥ 2"),
-    "no batch": (np.zeros((2, 3)), BEARINGS, "stations has shape (2, 3): must be (2, M, N) with M ≥ 2"),
+    "three rows": (
+        np.zeros((3, 3, 1)),
+        BEARINGS,
+        "stations of shape (3, 3, 1) is not possible: must be (2, M, N) with M ≥ 2",
+    ),
+    "no batch": (np.zeros((2, 3)), BEARINGS, "stations of shape (2, 3) is not possible: must be (2, M, N) with M ≥ 2"),
     "one station": (
         np.zeros((2, 1, 4)),
         np.zeros((1, 4)),
-        "stations has shape (2, 1, 4): must be (2, M, N) with M ≥ 2",
+        "stations of shape (2, 1, 4) is not possible: must be (2, M, N) with M ≥ 2",
     ),
-    "a bearing missing": (STATIONS, BEARINGS[:2], "bearings has shape (2, 1): must be (3, 1), one for each station"),
-    "a place unknown": (STATIONS * np.nan, BEARINGS, "stations[0, 0, 0] = nan is not possible: must be finite"),
-    "no bearing": (STATIONS, BEARINGS + np.inf, "bearings[0, 0] = inf is not possible: must be finite"),
+    "a bearing missing": (STATIONS, BEARINGS[:2], "bearings of shape (2, 1) is not possible: must be (3, 1)"),
+    "a place unknown": (STATIONS * np.nan, BEARINGS, "stations = nan is not possible: must be finite"),
+    "places in words": ("here", BEARINGS, "stations = 'here' is not possible: must be real numbers"),
+    "ragged bearings": (
+        STATIONS,
+        [[0.0], [0.0, 1.0]],
+        RAGGED,
+    ),
+    "no bearing": (STATIONS, BEARINGS + np.inf, "bearings = inf is not possible: must be finite"),
 }
 
 
@@ -374,9 +385,9 @@ def test_bad_input(function: Callable[..., object], case: str) -> None:
 @pytest.mark.parametrize(
     ("centre", "weight", "message"),
     [
-        (np.zeros((2, 2)), np.ones(1), "the pull's centre has shape (2, 2): must be (2, 1)"),
-        (np.zeros((2, 1)), np.ones(2), "the pull's weight has shape (2,): must be (1,)"),
-        (np.zeros((2, 1)), np.array([np.nan]), "the pull's weight[0] = nan is not possible: must be finite"),
+        (np.zeros((2, 2)), np.ones(1), "the pull's centre of shape (2, 2) is not possible: must be (2, 1)"),
+        (np.zeros((2, 1)), np.ones(2), "the pull's weight of shape (2,) is not possible: must be (1,)"),
+        (np.zeros((2, 1)), np.array([np.nan]), "the pull's weight = nan is not possible: must be finite"),
         (np.zeros((2, 1)), np.array([-1.0]), "the pull's weight = -1.0 is not possible: must not be negative"),
     ],
 )
@@ -384,3 +395,8 @@ def test_bad_pull(centre: np.ndarray, weight: np.ndarray, message: str) -> None:
     with pytest.raises(InputError) as caught:
         cross_fix.positive_range_fix(STATIONS, BEARINGS, (centre, weight))
     assert str(caught.value) == message
+
+
+def test_a_pull_without_a_weight_is_refused() -> None:
+    with pytest.raises(InputError, match=r"pull = .* is not possible: must be \(centre, weight\)"):
+        positive_range_fix(STATIONS, BEARINGS, (np.zeros((2, 1)),))  # type: ignore[arg-type]

@@ -1,7 +1,7 @@
 """Passages of an array: unscented filtering until a bearing turns right round, and then what that says."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from passloc_env.platforms import FixedStation, PlanarPose, Pose
 from passloc_env.scenario import Episode, Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.sensor_suite import SensorSuite
-from passloc_env.sensors import Bearing, Doppler, Sensor
+from passloc_env.sensors import Bearing, Doppler, Sensor, TimeDifference
 from passloc_env.sightline import Scene
 from passloc_env.simulation import Simulation
 from passloc_env.target import PolarStart, Target
@@ -280,6 +280,32 @@ def test_other_arrays_are_listened_to() -> None:
     only.update(measured[:2], [VESSEL])
     np.testing.assert_allclose(far.mean, only.mean, rtol=1e-9)
     assert np.abs(near.mean - far.mean).max() > 0.1
+
+
+def test_a_bearing_that_was_not_detected_silences_nobody() -> None:
+    """Only a bearing that is heard says in which direction the belief reaches past the array."""
+    undetected = np.array([[False], [True]])
+    track, ahead = (track_of(TWO_ARRAYS[:2], 1, CrossingKalman(clearance=clearance)) for clearance in (2.0, 0.0))
+    measured = look((5.0, 2100.0), TWO_ARRAYS[:2])
+    for each in (track, ahead):
+        each.mean[:] = np.array([[10.0], [1e3], [0.0], [SPEED]])
+        each.update(measured, [VESSEL], undetected)
+    np.testing.assert_array_equal(track.mean, ahead.mean)
+    assert track.mean[3, 0] != SPEED
+
+
+@pytest.mark.parametrize("other", [False, True])
+def test_a_time_difference_that_listens_at_the_array_is_silenced_at_either_end(other: bool) -> None:
+    """Passing an array spoils whatever is heard there, whichever of its places a time difference names first."""
+    ends: dict[str, Any] = {"platform": 1, "other": 0} if other else {"platform": 0, "other": 1}
+    sensors = (Bearing(sigma=0.01), TimeDifference(sigma=1e-3, propagation_speed=1500.0, **ends))
+    poses = [VESSEL, PlanarPose(np.full((2, 1), 5e3), np.zeros((2, 1)), np.zeros(1), np.zeros(1))]
+    tracks = [track_of(sensors, 1) for _ in range(2)]
+    for track, wrong in zip(tracks, (0.0, 0.5), strict=True):
+        track.mean[:] = np.array([[100.0], [-300.0], [0.0], [SPEED]])
+        track.last_bearings[0] = 3.0
+        track.update(np.array([[0.1], [wrong]]), poses)
+    np.testing.assert_array_equal(tracks[0].mean, tracks[1].mean)
 
 
 # Memory.

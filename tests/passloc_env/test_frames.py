@@ -243,3 +243,14 @@ def test_bits_do_not_depend_on_the_batch(
 ) -> None:
     towards = np.random.default_rng(7).normal(size=(3, 300))
     assert_batch_free(function, above_ground(300), towards / np.linalg.norm(towards, axis=0))
+
+
+@pytest.mark.parametrize("height", [10e3, 1e3])
+@pytest.mark.parametrize("towards", [1.0, -1.0])
+def test_from_below_no_line_comes_down_to_a_height(height: float, towards: float) -> None:
+    """At 500 m, looking up or down: the point is never behind the origin."""
+    origin = np.array([[frames.EARTH_RADIUS + 500.0], [0.0], [0.0]])
+    line = np.array([[towards], [0.0], [0.0]])
+    fix = frames.meet_height(origin, line, height)
+    assert not fix.hit.any()
+    assert (fix.position - origin)[0, 0] * towards >= 0.0

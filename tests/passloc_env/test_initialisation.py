@@ -218,13 +218,13 @@ def test_priors_start_from_the_platform_that_heard_the_bearing(prior: Any) -> No
     ("sensors", "dimension"), [(SENSORS[:1], 2), (SENSORS[::-1], 2), (SENSORS, 3)], ids=["none", "Doppler", "space"]
 )
 def test_priors_from_a_bearing_need_one_and_a_plane(prior: Any, sensors: tuple[Sensor, ...], dimension: int) -> None:
-    prior.check(SENSORS, 2)
+    prior.check(SENSORS, (), 2)
     with pytest.raises(ScenarioError) as caught:
-        prior.check(sensors, dimension)
+        prior.check(sensors, (), dimension)
     assert caught.value.field == "sensor"
 
 
 def test_state_prior_fits_everywhere() -> None:
     station = FixedStation(position=(0.0, 0.0, 0.0))
-    AROUND.check((), station.dimension)
+    AROUND.check((), (station,), station.dimension)
     assert AROUND.normals_needed(StateLayout(3, 2)) == 9

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from passloc_env.metrics import log_range_bound, lost, nees, relative_range_error, time_to
+from passloc_env.metrics import log_range_bound, lost, nees, relative_range_error, root_trace, time_to
 
 HISTORIES = arrays.arrays(
     float,
@@ -91,3 +91,10 @@ def test_bits_do_not_depend_on_the_batch(assert_batch_free: Callable[..., None])
     assert_batch_free(nees, errors, covariance)
     assert_batch_free(lambda e: relative_range_error(e[:2], np.hypot(e[2], e[3])), errors)
     assert_batch_free(lambda e: time_to(0.5, np.abs(e), 1.0, 2.0), errors)
+
+
+def test_root_trace_is_the_length_of_the_deviations() -> None:
+    covariance = np.diag([9.0, 16.0, 1e6, 25.0])[..., None]
+    kept = covariance.copy()
+    assert (root_trace(covariance, slice(0, 2))[0], root_trace(covariance, slice(3, 4))[0]) == (5.0, 5.0)
+    np.testing.assert_array_equal(covariance, kept)

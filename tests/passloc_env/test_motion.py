@@ -12,6 +12,7 @@ from scipy.linalg import expm
 from scipy.special import spherical_jn
 
 from passloc_env.angles import bearing_of, direction
+from passloc_env.distributions import Uniform
 from passloc_env.errors import ScenarioError
 from passloc_env.layout import StateLayout
 from passloc_env.motion import (
@@ -254,7 +255,7 @@ def reversed_by_integration(state: np.ndarray, layout: StateLayout, reversal: fl
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("reversal", [0.0, 3.4, LATE, 3.6, 3.9, LATE + PERIOD, 4.3, 100.0])
+@pytest.mark.parametrize("reversal", [1e-3, 3.4, LATE, 3.6, 3.9, LATE + PERIOD, 4.3, 100.0])
 def test_reversal_before_at_the_edges_of_inside_and_after_a_step(dimension: int, reversal: float) -> None:
     """At its end edge a step turns the acceleration round without having felt it; the next one does not turn again."""
     motion = ReversingAcceleration(reversal=reversal)
@@ -296,7 +297,7 @@ def test_the_acceleration_turns_round_once_wherever_the_reversal_falls(period: f
 
 def test_environments_reverse_on_their_own() -> None:
     """Reversal and clock differ from column to column; each column is what it is alone."""
-    reversal, time = np.array([0.0, 1.0, 1.2, 1.69, 5.0, 2.0]), np.array([0.0, 1.0, 1.0, 1.0, 1.0, 3.0])
+    reversal, time = np.array([0.1, 1.0, 1.2, 1.69, 5.0, 2.0]), np.array([0.0, 1.0, 1.0, 1.0, 1.0, 3.0])
     motion = ReversingAcceleration(reversal=1.0)
     object.__setattr__(motion, "reversal", reversal)
     layout = motion.layout(2)
@@ -313,3 +314,9 @@ def test_a_reversal_is_no_model_and_has_no_noise() -> None:
     assert not motion.model
     assert motion.layout(2) == StateLayout(2, 2)
     assert motion.noise_gain(motion.layout(2), PERIOD).shape == (6, 0, 1)
+
+
+@pytest.mark.parametrize("reversal", [0.0, -1.0, Uniform(low=0.0, high=2.0)])
+def test_a_reversal_comes_after_the_start(reversal: object, refusal: Callable[..., ScenarioError]) -> None:
+    """At the very start there is nothing yet to turn round: no step would do it."""
+    assert refusal(lambda: ReversingAcceleration(reversal=reversal)).field == "reversal"

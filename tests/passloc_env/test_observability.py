@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from passloc_env import observability
+from passloc_env.errors import InputError
 from passloc_env.layout import StateLayout
 from passloc_env.motion import ConstantVelocity
 from passloc_env.observability import (
@@ -142,3 +144,45 @@ def test_gram_gain_of_the_simulation_is_the_gain_of_the_gramian() -> None:
         expected = gram_gain(before, after, prior)
         # Both forms lose digits to the conditioning of the information matrix, about 1e9 here.
         np.testing.assert_allclose(simulation.information.gram_gain, expected, rtol=1e-5, atol=1e-7)
+
+
+ROWS, STEP = np.random.default_rng(0).normal(size=(5, 1, 4, 2)), np.eye(4)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: observability.observability_matrix(np.zeros((5, 1, 4)), STEP), r"rows of shape \(5, 1, 4\)"),
+        (
+            lambda: observability.gramian(ROWS, np.eye(3)),
+            r"transition of shape \(3, 3\) is not possible: must be",
+        ),
+        (lambda: observability.gramian(ROWS, np.zeros((4, 4, 3))), r"transition of shape \(4, 4, 3\) is not possible"),
+        (lambda: observability.gramian(ROWS, STEP * np.nan), "transition = nan is not possible: must be finite"),
+        (lambda: observability.windowed_gram_determinant(ROWS * np.nan, STEP, 2), "rows = nan is not possible"),
+        (lambda: observability.windowed_gram_determinant(ROWS, STEP, 2.0), "window = 2.0 is not possible"),
+        (lambda: report_of(ROWS * np.nan), "rows = nan is not possible: must be finite"),
+        (lambda: report_of(ROWS[:, :, :3]), r"transition of shape \(4, 4\) is not possible: must be \(3, 3\)"),
+        (lambda: report_of(ROWS, scale=np.ones(3)), r"scale of shape \(3,\) is not possible: must be \(4,\)"),
+        (lambda: report_of(ROWS, scale=np.zeros(4)), "scale = 0.0 is not possible: must be finite and above 0"),
+        (lambda: report_of(ROWS, layout=StateLayout(3)), "rows of 4 states is not possible: the layout has 6"),
+        (lambda: gain_of(np.ones((3, 3, 2))), r"after of shape \(3, 3, 2\) is not possible: must be \(4, 4, 2\)"),
+        (lambda: gain_of(np.ones((4, 4, 2)), np.ones((4, 4))), r"prior_information of shape \(4, 4\) is not possible"),
+        (
+            lambda: observability.gram_gain(np.ones((4, 3, 2)), STEP, STEP),
+            r"before of shape \(4, 3, 2\) is not",
+        ),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(call: Callable[[], object], message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+def report_of(rows: np.ndarray, layout: StateLayout | None = None, scale: np.ndarray | None = None) -> object:
+    return observability.rank_report(rows, STEP, layout or StateLayout(), np.ones(4) if scale is None else scale)
+
+
+def gain_of(after: np.ndarray, prior: np.ndarray | None = None) -> object:
+    return observability.gram_gain(np.ones((4, 4, 2)), after, np.ones((4, 4, 1)) if prior is None else prior)

@@ -175,6 +175,19 @@ def test_arguments_broadcast_with_the_batch_last(assert_batch_free: Callable[...
         (lambda: track_state_rows(1.0, 1.0, np.array([1.0, -np.inf]), 1.0, 3), "speed = -inf is not possible: must be"),
         (lambda: track_state_rows(1.0, 1.0, 1.0, np.nan, 3), "period = nan is not possible"),
         (lambda: track_state_rows(1.0, 1.0, 1.0, 1.0, 0), "instants = 0 is not possible: must be at least 1"),
+        (
+            lambda: track_state_rows(1.0, 1.0, 1.0, 1.0, 2.5),
+            "instants = 2.5 is not possible: must be at least 1, a whole",
+        ),
+        (lambda: radial_acceleration_gram_determinant([1.0, 2.0], [1.0, 2.0, 3.0], 1.0, 1.0), "must broadcast against"),
+        (
+            lambda: radial_acceleration_gram_determinant(1.0, 1.0, 1.0, np.ones(2)),
+            r"period = \[1. 1.\] is not possible",
+        ),
+        (
+            lambda: degree_of_observability(1.0, "fast", 1.0, 1.0),
+            "speed = 'fast' is not possible: must be real numbers",
+        ),
         (lambda: degree_of_observability(-1.0, 1.0, 1.0, 1.0), "range = -1.0 is not possible: must be at least 0"),
         (lambda: degree_of_observability(1.0, 1.0, np.nan, 1.0), "aspect = nan is not possible"),
         (lambda: degree_of_observability(1.0, 1.0, 1.0, np.inf), "period = inf is not possible"),
@@ -184,3 +197,9 @@ def test_bad_input_is_refused_in_one_line(call: Callable[[], object], message: s
     with pytest.raises(InputError, match=message) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+def test_degrees_beyond_all_floats_are_infinite_and_silent() -> None:
+    """pytest turns warnings into errors: ``18 (v/r)⁸`` of v/r = 1e60 is no float any more."""
+    assert degree_of_observability(1.0, 1e60, 1.0, 1.0) == np.inf
+    assert bearing_radial_acceleration_gram_determinant(1e-50, 0.0, 1e300, 1.0) == -np.inf

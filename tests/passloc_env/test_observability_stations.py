@@ -278,7 +278,7 @@ def test_crossing_the_baseline_is_not_staying_on_it() -> None:
     positions = np.stack([np.full(5, 3e3), north], axis=1)[..., None]
     bearings = seen_from(ARRAYS, positions)
     assert observability.dual_array_observable(bearings[:, 0], bearings[:, 1])
-    assert not observability.dual_array_observable(bearings[2:3, 0], bearings[2:3, 1])
+    assert not observability.dual_array_observable(*np.repeat(bearings[2:3], 5, axis=0).swapaxes(0, 1))
 
 
 def test_corollaries_tell_the_cases_of_paper_000_apart() -> None:
@@ -294,7 +294,7 @@ def test_corollaries_tell_the_cases_of_paper_000_apart() -> None:
     assert observability.coordinated_turn_observable(seen["2b"], -0.5 * DEGREE, 1.0, tolerance=3.5e-3)
 
 
-BEARINGS = np.array([[0.1, 0.2], [0.2, 0.3], [0.3, 0.5]])
+BEARINGS = np.array([[0.1, 0.2], [0.2, 0.3], [0.3, 0.5], [0.4, 0.7], [0.5, 0.9]])
 SPOILT = np.where(BEARINGS == 0.3, np.nan, BEARINGS)
 
 
@@ -315,7 +315,7 @@ def augmented(**changes: object) -> np.ndarray:
         (lambda: augmented(duration=0.0), "duration = 0.0 is not possible: must be finite and above 0"),
         (lambda: augmented(propagation_speed=np.inf), "propagation_speed = inf is not possible"),
         (lambda: augmented(bearings=SPOILT[:, None]), "bearings = nan is not possible: must be finite"),
-        (lambda: augmented(bearings=BEARINGS), r"bearings of shape \(3, 2\) is not possible: must be instants, stat"),
+        (lambda: augmented(bearings=BEARINGS), r"bearings of shape \(5, 2\) is not possible: must be instants, stat"),
         (lambda: augmented(stations=ARRAYS), r"stations of shape \(2, 2\) is not possible: must be \(1, 2\)"),
         (lambda: augmented(stations=ORIGIN + np.nan), "stations = nan is not possible: must be finite"),
         (lambda: augmented(frequency_stations=(1,)), "frequency_stations = 1 is not possible: must be between 0 and 0"),
@@ -325,13 +325,44 @@ def augmented(**changes: object) -> np.ndarray:
         (lambda: observability.coordinated_turn_observable(BEARINGS, 0.1, 0.0), "period = 0.0 is not possible"),
         (lambda: observability.coordinated_turn_observable(BEARINGS, np.inf, 1.0), "turn_rate = inf is not possible"),
         (lambda: observability.dual_array_observable(BEARINGS, SPOILT), "second = nan is not possible"),
-        (lambda: observability.dual_array_observable(BEARINGS, BEARINGS[:2]), r"must be \(3, 2\), as the first"),
+        (lambda: observability.dual_array_observable(BEARINGS, BEARINGS[:, :1]), r"must be \(5, 2\), as the first"),
+        (lambda: observability.dual_array_observable([[0.1], [0.2]], BEARINGS), "first of 2 instants is not possible"),
+        (
+            lambda: observability.constant_acceleration_observable(BEARINGS[:4]),
+            "4 instants is not possible: must be at",
+        ),
+        (lambda: observability.coordinated_turn_observable(BEARINGS[:4], 0.1, 1.0), "bearings of 4 instants is not"),
+        (lambda: observability.coordinated_turn_observable(BEARINGS, np.zeros(3), 1.0), r"turn_rate of shape \(3,\)"),
+        (lambda: observability.coordinated_turn_observable(BEARINGS, BEARINGS, 1.0), r"turn_rate of shape \(5, 2\)"),
+        (
+            lambda: observability.coordinated_turn_observable(BEARINGS, 0.1, np.ones(2)),
+            r"period = \[1. 1.\] is not poss",
+        ),
+        (lambda: observability.constant_acceleration_observable([["a"] * 2] * 5), "bearings = .* must be real numbers"),
+        (lambda: observability.constant_acceleration_observable([[1.0], [1.0, 2.0]]), "bearings is not possible: must"),
+        (lambda: observability.pseudo_linear_rows(np.zeros(5), PLANAR), r"bearing of shape \(5,\) is not possible"),
+        (lambda: observability.pseudo_linear_rows(SPOILT, PLANAR), "bearing = nan is not possible"),
+        (lambda: observability.pseudo_linear_rows(BEARINGS, StateLayout(3)), "layout of 3 axes is not possible"),
+        (lambda: augmented(layout=StateLayout(3)), "layout of 3 axes is not possible: must be planar"),
+        (lambda: augmented(frequency_stations=(0.5,)), "frequency_stations = 0.5 is not possible"),
+        (lambda: observability.augmented_transition(np.eye(4)[0]), r"transition of shape \(4,\) is not possible"),
+        (lambda: observability.augmented_transition(np.eye(4)[:2]), r"transition of shape \(2, 4, 1\) is not possible"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(call: Callable[[], object], message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+def test_lists_are_as_good_as_arrays() -> None:
+    rows = augmented(bearings=BEARINGS[:, None].tolist(), stations=[[0, 0]])
+    np.testing.assert_array_equal(rows, augmented())
+    lists = BEARINGS.tolist()
+    assert observability.dual_array_observable(lists, (0.5 * BEARINGS).tolist()).all()
+    np.testing.assert_array_equal(
+        observability.pseudo_linear_rows(lists, PLANAR), observability.pseudo_linear_rows(BEARINGS, PLANAR)
+    )
 
 
 def test_results_do_not_depend_on_the_batch(assert_batch_free: Callable[..., None]) -> None:

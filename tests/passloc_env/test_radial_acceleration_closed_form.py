@@ -123,3 +123,12 @@ def test_an_impossible_period_is_refused(period: float) -> None:
 def test_another_number_of_accelerations_is_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(InputError, match=r"accelerations of shape .* is not possible: must be"):
         solve_track(np.ones(shape), 1.0)
+
+
+def test_lists_are_as_good_as_arrays() -> None:
+    accelerations = [[1.0], [1.3], [1.0]]
+    np.testing.assert_array_equal(
+        solve_track(accelerations, 10.0).state, solve_track(np.array(accelerations), 10.0).state
+    )
+    with pytest.raises(InputError, match="accelerations is not possible: must be numbers in rows of equal length"):
+        solve_track([[1.0], [1.0, 2.0], [1.0]], 10.0)

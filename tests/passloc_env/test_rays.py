@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from passloc_env.tracking import rays
+from passloc_env.tracking.cross_fix import positive_range_fix
 from passloc_env.tracking.rays import Rays, Symmetric, crossing
 
 
@@ -81,3 +82,30 @@ def test_lines_parallel_but_for_rounding_cross_at_the_foot_of_the_centroid() -> 
     expected = np.linalg.lstsq(normals, offsets, rcond=1e-3)[0]
     assert np.hypot(*expected) > 1e-8
     np.testing.assert_allclose(found[:, 0], expected, atol=1e-11)
+
+
+@pytest.mark.parametrize("weight", [1e-300, 1e-30, 1e-15, 1e-13, 1e-6, 1.0])
+@pytest.mark.parametrize("bearing", [0.0, 0.7, -2.1])
+def test_however_weak_a_pull_chooses_among_parallel_rays(weight: float, bearing: float) -> None:
+    """Two parallel rays say nothing of how far; the point abreast of the pull's centre is the only minimum.
+
+    Across the rays, at −1 and 1 beside a centre at 5, the minimum lies at ``5 w/(2 + w)``.
+    """
+    ahead = np.array([[np.sin(bearing)], [np.cos(bearing)]])
+    aside = np.array([[np.cos(bearing)], [-np.sin(bearing)]])
+    stations = np.stack([-aside, aside], axis=1)
+    centre = 40.0 * ahead + 5.0 * aside
+    fix = positive_range_fix(stations, np.full((2, 1), bearing), (centre, np.array([weight])))
+    expected = 40.0 * ahead + 5.0 * weight / (2.0 + weight) * aside
+    np.testing.assert_allclose(fix.position, expected, atol=1e-12)
+    assert fix.active.all()
+
+
+@pytest.mark.parametrize("weight", [1e6, 1e155, 1e300])
+def test_however_strong_a_pull_the_fix_is_a_number(weight: float) -> None:
+    """It is the centre, but for the rays' share ``1/w``; a determinant of 1e310 would be none."""
+    stations, bearings = np.array([[[0.0], [1.0]], [[0.0], [0.0]]]), np.array([[0.3], [-0.3]])
+    centre = np.array([[4.0], [3.0]])
+    fix = positive_range_fix(stations, bearings, (centre, np.array([weight])))
+    np.testing.assert_allclose(fix.position, centre, atol=20.0 / weight + 1e-14)
+    assert np.isfinite(fix.residual).all()

@@ -14,13 +14,14 @@ from passloc_env.layout import StateLayout
 from passloc_env.metrics import nees
 from passloc_env.motion import ConstantAcceleration
 from passloc_env.nuisance import Nuisance
-from passloc_env.platforms import FixedStation, Pose, TurnLimitedPlatform
+from passloc_env.platforms import FixedStation, PlanarPose, Pose, TurnLimitedPlatform
 from passloc_env.scenario import Scenario
+from passloc_env.scenarios import SCENARIOS
 from passloc_env.sensor_suite import SensorSuite
 from passloc_env.sensors import Bearing, Doppler, Sensor
 from passloc_env.simulation import Simulation
 from passloc_env.target import CartesianStart, PolarStart, Target
-from passloc_env.tracking import ScatteredPrior, UnscentedKalman
+from passloc_env.tracking import Prior, RangePrior, ScatteredPrior, UnscentedKalman
 from passloc_env.tracking.initialisation import FirstLook
 
 SIGMA, RANGE, BEARING = 0.02, 8e3, 2.0
@@ -196,3 +197,25 @@ def in_space() -> Scenario:
 )
 def test_what_is_impossible(build: Callable[[], object], field: str, refusal: Callable[..., ScenarioError]) -> None:
     assert refusal(build).field == field
+
+
+@pytest.mark.parametrize("prior", [PRIOR, RangePrior(range=8e3, range_sigma=600.0, velocity_sigma=3.0, sensor=1)])
+def test_the_first_bearing_is_drawn_from_where_it_was_taken(prior: Prior) -> None:
+    """The array sits a kilometre ahead of its platform, which heads east."""
+    look = first_look()
+    arm = Bearing(sigma=SIGMA, lever_arm=(1e3, 0.0))
+    place = OWN + np.array([[1e3], [0.0]])
+    look.suite = SensorSuite((SENSORS[0], arm))
+    look.poses = [PlanarPose(OWN, np.zeros((2, 1)), np.full(1, math.pi / 2), np.zeros(1))]
+    look.truth[:2] = place + RANGE * direction(np.array([BEARING]))
+    mean, covariance = prior.start(look)
+    np.testing.assert_allclose(mean[:2], look.truth[:2], atol=1e-6)
+    np.testing.assert_allclose(prior.at_truth(look), covariance, atol=1e-6)
+
+
+def test_from_the_outer_array_of_a_vessel_the_belief_is_as_good_as_it_says(begin: Callable[..., Simulation]) -> None:
+    """NEES of the position from array 2, a kilometre off: χ² of two degrees (false alarm 1e-3)."""
+    simulation = begin(SCENARIOS["DualArray"].override({"prior.sensor": 1}), 400)
+    error = simulation.track.mean[:2] - simulation.truth[:2]
+    found = nees(error, simulation.track.covariance[:2, :2])
+    assert stats.kstest(found, stats.chi2(2).cdf).pvalue > 1e-3

@@ -1,12 +1,19 @@
 """All sensors as one measurement: stacked in order, wrapped where angular, masked where missed."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 
+from passloc_env.distributions import Uniform
+from passloc_env.errors import ScenarioError
 from passloc_env.layout import StateLayout
 from passloc_env.platforms import Pose
-from passloc_env.sensor_suite import SensorSuite, may_miss, nuisances
-from passloc_env.sensors import Bearing, Doppler, Sensor, TimeDifference
+from passloc_env.scenarios import SCENARIOS
+from passloc_env.sensor_suite import SensorSuite, check_nuisances, may_miss, nuisances
+from passloc_env.sensors import Bearing, Doppler, PhaseDifference, Sensor, TimeDifference
 from passloc_env.sightline import Scene
 
 SIZE = 6
@@ -107,7 +114,7 @@ def test_may_miss(chance: float, may: bool) -> None:
 
 
 def test_a_nuisance_of_one_name_is_shared(scene: Scene) -> None:
-    pair = (UNKNOWN, Doppler(sigma=1.0, carrier=1e9, carrier_sigma=5.0, platform=0), KNOWN)
+    pair = (UNKNOWN, Doppler(sigma=2.0, carrier=1e9, carrier_sigma=1e4, platform=0), KNOWN)
     (shared,) = nuisances(pair)
     assert (shared.name, shared.sigma) == ("carrier_offset", 1e4)
     row = scene.layout.nuisance_row("carrier_offset")
@@ -115,3 +122,45 @@ def test_a_nuisance_of_one_name_is_shared(scene: Scene) -> None:
     # Both unknown carriers rise one for one with the offset, but for ṙ/c ≈ 1e-6; the known one does not.
     np.testing.assert_allclose(slopes[:2], 1.0, atol=1e-5)
     np.testing.assert_array_equal(slopes[2], 0.0)
+
+
+def test_straight_above_there_is_no_bearing() -> None:
+    """Off the vertical there is one again; a range rate there is either way."""
+    above = np.array([[0.0, 1e-4, 10.0], [0.0, 0.0, 0.0], [5e3, -5e3, 5e3], *np.zeros((3, 3))])
+    suite = SensorSuite((Bearing(sigma=0.1), KNOWN))
+    heard = suite.detected(Scene(above, StateLayout(3), [Pose(*np.zeros((3, 3, 3)))]), None)
+    np.testing.assert_array_equal(heard, [[False, False, True], [True] * 3])
+
+
+TILTED = partial(PhaseDifference, sigma=0.1, baseline=3.0, carrier=3e9)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "possible"),
+    [
+        (UNKNOWN, replace(UNKNOWN, sigma=9.0), True),
+        (UNKNOWN, replace(UNKNOWN, carrier_sigma=5.0), False),
+        (UNKNOWN, replace(UNKNOWN, carrier_walk=0.5), False),
+        (KNOWN, UNKNOWN, True),
+        (TILTED(axis=0), TILTED(axis=1), True),
+        (TILTED(axis=0, misalignment_sigma=1e-3), TILTED(axis=1, misalignment_sigma=1e-3), True),
+        (TILTED(axis=0, misalignment_sigma=1e-3), TILTED(axis=1, misalignment_sigma=2e-3), False),
+        (TILTED(axis=0, misalignment_sigma=1e-3), TILTED(axis=1), False),
+        (TILTED(axis=0), TILTED(axis=1, misalignment_sigma=1e-3), False),
+        (TILTED(axis=0), TILTED(axis=1, misalignment_sigma=1e-3, platform=1), True),
+        (*(TILTED(axis=axis, misalignment_sigma=Uniform(low=1e-3, high=2e-3)) for axis in (0, 1)), False),
+    ],
+)
+def test_sensors_agree_on_what_they_share(
+    first: Sensor, second: Sensor, possible: bool, refusal: Callable[..., ScenarioError]
+) -> None:
+    """A nuisance has one prior. Numbers drawn at reset are drawn apart, and so are never the same."""
+    if possible:
+        check_nuisances((first, second))
+    else:
+        assert refusal(lambda: check_nuisances((first, second))).field == "sensors.1"
+
+
+def test_scenarios_ask_whether_sensors_agree(refusal: Callable[..., ScenarioError]) -> None:
+    changes = {"sensors.1.misalignment_sigma": 0.0}
+    assert refusal(lambda: SCENARIOS["DualSatellite"].override(changes)).field == "sensors.1"

@@ -10,6 +10,8 @@ import pytest
 
 from passloc_env.belief import Belief
 from passloc_env.dynamics import Dynamics
+from passloc_env.errors import InputError
+from passloc_env.metrics import root_trace
 from passloc_env.motion import UnknownTurn
 from passloc_env.observability import cramer_rao_path
 from passloc_env.platforms import Pose
@@ -17,7 +19,7 @@ from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.sightline import Scene
 from passloc_env.spaces import observation_names
-from passloc_env.survey import Survey, position_deviation
+from passloc_env.survey import Survey
 from passloc_env.tracking import StatePrior
 
 Flight = tuple[str, dict[str, Any], tuple[float, ...]]
@@ -335,6 +337,48 @@ def test_an_episode_is_flown_to_its_end() -> None:
     assert len(survey.time) == survey.scenario.episode.steps
 
 
-def test_position_deviation_is_the_root_of_the_trace() -> None:
-    covariance = np.diag([9.0, 16.0, 1e6, 1e6])[..., None]
-    assert position_deviation(covariance, slice(0, 2))[0] == 5.0
+# What was missed by chance, and what nobody can use.
+
+DEAF: Flight = ("RadialAcceleration", {f"sensors.{i}.detection_probability": 0.2 for i in (0, 1)}, (0.0,))
+
+
+def test_elsewhere_misses_what_was_missed_by_chance() -> None:
+    """With four of five measurements missing, the path told the emitter's own start what the episode came to."""
+    survey = survey_of(DEAF)
+    here = survey.bound_elsewhere(survey.start[survey.layout.position])
+    np.testing.assert_allclose(here, survey.position_bound[-1], rtol=1e-9)
+    suite, dynamics = survey.simulation.models.suite, survey.dynamics
+    all_heard = cramer_rao_path(dynamics, suite, survey.start, survey.prior, survey.path)
+    assert root_trace(all_heard[-1], survey.layout.position) < 0.7 * here
+    assert survey_of(STRAIGHT)._chances(survey_of(STRAIGHT).simulation) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"start": np.zeros(4)}, r"start of shape \(4,\) is not possible"),
+        ({"start": np.zeros((5, 1))}, r"start of shape \(5, 1\) is not possible: must be \(4, 1\)"),
+        ({"start": np.full((4, 1), np.nan)}, "start = nan is not possible: must be finite"),
+        ({"prior": np.eye(4)}, r"prior of shape \(4, 4\) is not possible: must be \(4, 4, 1\)"),
+        ({"prior": np.full((4, 4, 1), np.inf)}, "prior = inf is not possible: must be finite"),
+        ({"uniforms": [None]}, "uniforms of 1 instants is not possible: must be 4, as the path"),
+    ],
+)
+def test_a_path_bound_refuses_in_one_line(changes: dict[str, Any], message: str) -> None:
+    survey = survey_of(STRAIGHT, episode__steps=4)
+    given = {"start": survey.start, "prior": survey.prior, "path": survey.path} | changes
+    with pytest.raises(InputError, match=message):
+        cramer_rao_path(survey.dynamics, survey.simulation.models.suite, **given)
+
+
+@pytest.mark.parametrize(
+    ("positions", "message"),
+    [
+        (np.zeros(2), r"positions of shape \(2,\) is not possible: must be axes and emitters"),
+        (np.zeros((3, 1)), r"positions of shape \(3, 1\) is not possible: must be \(2, 1\)"),
+        (np.array([[0.0], [np.nan]]), "positions = nan is not possible: must be finite"),
+    ],
+)
+def test_elsewhere_refuses_in_one_line(positions: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        survey_of(STRAIGHT, episode__steps=4).bound_elsewhere(positions)

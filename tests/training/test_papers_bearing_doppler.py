@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from passloc_env.layout import StateLayout
+from passloc_env.motion import CoordinatedTurn
 from passloc_env.scenario import Scenario
 from passloc_env.survey import Survey
 from passloc_env.units import DEGREE
+from training.papers import bearing_doppler
 from training.papers.bearing_doppler import CASES, CONVERGED, _exponential, _five_columns, _true_circle, reproduce
 from training.papers.monte_carlo import History, run
 from training.papers.reproduction import Claim, Reproduction, Table, Verdict
@@ -163,6 +167,34 @@ def test_the_misprint_of_eq_9(made: Reproduction) -> None:
     np.testing.assert_allclose(expm(generator), ours, atol=1e-12)
     gap = np.abs(expm(printed) - ours).max()
     assert f"largest difference {gap:.2g}; " in str(claim_about(made, "eq. 9").measured)
+
+
+@pytest.mark.parametrize(
+    ("corrected", "printed", "verdict"),
+    [(0.0, 0.0, Verdict.REPRODUCED), (1.0, 1.0, Verdict.NOT_REPRODUCIBLE), (0.0, 1.0, Verdict.REPRODUCED_IF)],
+)
+def test_the_verdict_on_eq_9_follows_the_numbers(
+    corrected: float, printed: float, verdict: Verdict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exponentials that are off by so much: F(4,4) tells which of both matrices is meant."""
+    exact = (
+        _exponential(np.zeros((4, 4))) @ CoordinatedTurn(turn_rate=-0.5 * DEGREE).transition(StateLayout(), 1.0)[..., 0]
+    )
+    off = lambda matrix: exact + (printed if matrix[3, 3] else corrected)  # noqa: E731
+    monkeypatch.setattr(bearing_doppler, "_exponential", off)
+    reproduction = Reproduction("bearing-doppler", tmp_path)
+    bearing_doppler._transition(reproduction)
+    assert [claim.verdict for claim in reproduction.claims] == [verdict]
+
+
+@pytest.mark.parametrize(("rank", "verdict"), [(4, Verdict.REPRODUCED), (5, Verdict.NOT_REPRODUCIBLE)])
+def test_the_verdict_on_case_2b_follows_its_rank(
+    rank: int, verdict: Verdict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bearing_doppler, "_five_columns", lambda scenario: (rank, 1e3, np.linspace(0.0, 1.0, 300)))
+    reproduction = Reproduction("bearing-doppler", tmp_path)
+    bearing_doppler._corollaries(reproduction)
+    assert claim_about(reproduction, "is unobservable").verdict is verdict
 
 
 def test_tables(made: Reproduction) -> None:

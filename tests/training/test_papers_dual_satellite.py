@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -249,6 +250,15 @@ def test_claims_that_hang_on_no_run(made: Reproduction) -> None:
     assert loss.verdict is Verdict.NOT_REPRODUCIBLE
     assert "√3.45 at 0.1 s and √3.94 at 1 s" in str(loss.measured)
     assert claim_about(made, "yaw manoeuvre").verdict is Verdict.REPRODUCED
+
+
+def test_verdicts_on_beats_follow_the_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Were every variance a tenth larger, the formula would be wrong and the line not efficient."""
+    worse = lambda *arguments, **named: 1.1 * line_covariance(*arguments, **named)  # noqa: E731
+    monkeypatch.setattr(dual_satellite, "line_covariance", worse)
+    reproduction = Reproduction("dual-satellite", tmp_path)
+    dual_satellite._variances(reproduction)
+    assert [claim.verdict for claim in reproduction.claims] == [Verdict.NOT_REPRODUCIBLE, Verdict.REPRODUCED]
 
 
 def test_tables_and_figures(made: Reproduction) -> None:

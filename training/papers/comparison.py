@@ -7,9 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents import find_policy
+from passloc_env.arrays import Array
 from passloc_env.scenario import Scenario
 from training.papers.monte_carlo import History, run
 from training.papers.reproduction import Reproduction
+from training.statistics import Bootstrap, Estimate, root_mean_square
 
 HEADINGS = (
     "observer",
@@ -21,6 +23,14 @@ HEADINGS = (
     "lost, %",
     "closest, km",
 )
+
+STUCK, CONVERGED = 0.8, 0.05
+"""An error that keeps four fifths of what it was does not converge; one below 5 % of the range has."""
+
+CRITERIA = "converged: RMS below 5 % of the range at the end; not converging: above 80 % of what it began with"
+
+EFFICIENT = (0.9, 1.25)
+"""Ratios of RMS error to bound of a tracker that makes the most of its measurements."""
 
 MOVING = ("straight", "circle", "zigzag:angle=60", "perpendicular")
 """Rules that every blind case is tried with."""
@@ -49,3 +59,12 @@ def row(name: str, history: History) -> tuple[str, ...]:
         f"{100.0 * history.lost:.0f}",
         f"{history.range.min() / 1e3:.1f}",
     )
+
+
+def error_ratio(over: Array, under: Array) -> Estimate:
+    """Ratio of the RMS of errors ``(N,)`` in the same runs, with its bootstrap interval."""
+
+    def statistic(pairs: Array, axis: int) -> Array:
+        return root_mean_square(pairs[..., 0], axis) / root_mean_square(pairs[..., 1], axis)
+
+    return Bootstrap(len(over)).estimate(np.stack([over, under], axis=-1), statistic)

@@ -21,7 +21,7 @@ from passloc_env.tracking.cross_fix import (
     positive_range_least_squares,
     tangent_least_squares,
 )
-from training.papers.moving_cross_fix import reproduce_in_the_environment
+from training.papers.moving_cross_fix import LIMITS, reproduce_in_the_environment
 from training.papers.reproduction import Reproduction, Verdict, holds
 from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
 from training.statistics import Estimate, rate
@@ -30,9 +30,6 @@ TRIALS = 200_000
 STATIONS = 3
 WIDEST = math.pi / 4
 """Largest error of a bearing, rad."""
-
-LIMITS = (0.3, 0.4, 0.5, 0.6)
-"""Errors that Table 1 counts, in sides."""
 
 _PAPER_TRIALS = 10_000
 _DEVIATIONS = 2.73

@@ -16,7 +16,7 @@ import numpy as np
 from passloc_env.angles import bearing_of
 from passloc_env.arrays import Array
 from passloc_env.layout import StateLayout
-from passloc_env.linalg import diagonal
+from passloc_env.metrics import root_trace
 from passloc_env.motion import ConstantAcceleration, ReversingAcceleration
 from passloc_env.observability import (
     augmented_layout,
@@ -32,11 +32,21 @@ from passloc_env.simulation import Simulation
 from passloc_env.target import CartesianStart
 from passloc_env.tracking import CrossingKalman, ScatteredPrior
 from passloc_env.units import DEGREE, KILOMETRE
-from training.papers.comparison import HEADINGS, MOVING, fixed_against_moving, row
+from training.papers.comparison import (
+    CONVERGED,
+    CRITERIA,
+    EFFICIENT,
+    HEADINGS,
+    MOVING,
+    STUCK,
+    error_ratio,
+    fixed_against_moving,
+    row,
+)
 from training.papers.monte_carlo import History, run
 from training.papers.reproduction import Reproduction, Verdict, holds
 from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
-from training.statistics import Bootstrap, Estimate, root_mean_square
+from training.statistics import root_mean_square
 
 _REGISTERED = SCENARIOS["DualArray"]
 _LAYOUT = StateLayout(order=2)
@@ -46,9 +56,6 @@ _BEFORE = 0.01
 """Metres by which the emitter is late: at 500 s it would be *on* array 1, where neither bearing nor frequency is
 defined. So the look at 500 s is the limit from before."""
 
-_STUCK, _CONVERGED = 0.8, 0.05
-"""An error that keeps four fifths of what it was does not converge; one below 5 % of the range has."""
-
 _SETTLED = 100.0
 """Seconds after which the ratio of error to bound is watched."""
 
@@ -56,8 +63,6 @@ _SETTINGS = (
     "c = 1500 m/s, f₀ known, acceleration random walk 0.01 m/s² per step, first guess 1 km, 1 m/s, 0.01 m/s²; the look "
     "at 500 s is the limit from before"
 )
-_CRITERIA = "converged: RMS below 5 % of the range at the end; not converging: above 80 % of what it began with"
-_EFFICIENT = (0.9, 1.25)
 _PURPLE = "#CC79A7"
 _MANY = 10
 """So many times the runs where a few runs in a hundred decide the RMS."""
@@ -126,14 +131,12 @@ def _velocity_error(simulation: Simulation) -> Array:
 
 def _velocity_bound(simulation: Simulation) -> Array:
     """Root of the trace of the bound's velocity block ``(N,)``, m/s."""
-    root: Array = np.sqrt(diagonal(simulation.information.bound)[_LAYOUT.velocity].sum(axis=0))
-    return root
+    return root_trace(simulation.information.bound, _LAYOUT.velocity)
 
 
 def _believed_error(simulation: Simulation) -> Array:
     """Root of the trace of the position block that the filter believes ``(N,)``, m."""
-    root: Array = np.sqrt(diagonal(simulation.track.covariance)[_LAYOUT.position].sum(axis=0))
-    return root
+    return root_trace(simulation.track.covariance, _LAYOUT.position)
 
 
 _EXTRA = {"velocity": _velocity_error, "velocity bound": _velocity_bound, "believed": _believed_error}
@@ -142,14 +145,14 @@ _EXTRA = {"velocity": _velocity_error, "velocity bound": _velocity_bound, "belie
 def _before_the_origin(reproduction: Reproduction, plain: History) -> None:
     """0 to 500 s: no convergence."""
     arrival = plain.at(_REVERSAL)
-    kept = _ratio(plain.error[arrival], plain.error[0])
+    kept = error_ratio(plain.error[arrival], plain.error[0])
     bound = plain.bound[arrival].mean() / plain.bound[0].mean()
     reproduction.claim(
         "0 to 500 s: the track does not converge (RMS position error at 500 s over that at the start)",
         "does not converge",
         kept,
-        holds(min(kept.value, bound) >= _STUCK),
-        f"{_SETTINGS}. {_CRITERIA}; here in metres, for the range goes to zero. The bound stays at {bound:.3f} of the "
+        holds(min(kept.value, bound) >= STUCK),
+        f"{_SETTINGS}. {CRITERIA}; here in metres, for the range goes to zero. The bound stays at {bound:.3f} of the "
         f"first guess. The filter does worse, and believes {plain.rms('believed')[arrival]:.0f} m: it takes noise in "
         "two bearings for a crossing",
     )
@@ -162,8 +165,8 @@ def _plain_after_the_origin(reproduction: Reproduction, plain: History, guesses:
         "500 to 1000 s: the track converges (RMS relative position error at 1000 s)",
         "converges",
         plain.relative_rms_at(_END),
-        holds(plain.relative_rms[-1] < _CONVERGED),
-        f"{_SETTINGS}. {_CRITERIA}. Reason: the emitter passes while the filter is {after[0]:.1f} km wrong (RMS); it "
+        holds(plain.relative_rms[-1] < CONVERGED),
+        f"{_SETTINGS}. {CRITERIA}. Reason: the emitter passes while the filter is {after[0]:.1f} km wrong (RMS); it "
         f"takes the half turn of the bearing for a move across by kilometres, is thrown {after.max():.0f} km off, "
         f"and {100 * plain.lost:.0f} % of the runs end lost. A better first guess does not save it: "
         + ", ".join(f"{sigma:g} m leave {100 * history.lost:.0f} % lost" for sigma, history in guesses.items()),
@@ -183,8 +186,8 @@ def _aware_after_the_origin(reproduction: Reproduction, aware: History) -> None:
         "500 to 1000 s: the track converges, with a filter that uses the turn of the bearing",
         "converges",
         end,
-        _only_if(end.value < _CONVERGED),
-        f"{_SETTINGS}. {_CRITERIA}; {aware.error.shape[1]} runs. Only if the filter takes a bearing turned right round "
+        _only_if(end.value < CONVERGED),
+        f"{_SETTINGS}. {CRITERIA}; {aware.error.shape[1]} runs. Only if the filter takes a bearing turned right round "
         f"for a passage of the array, and does not listen to an array that it believes within three standard "
         f"deviations: RMS {aware.rms()[-1]:.0f} m, median {np.median(aware.error[-1]):.0f} m, "
         f"{100 * aware.lost:.1f} % lost. The bound is {aware.bound[-1].mean():.0f} m: no Fisher matrix sees a jump",
@@ -200,8 +203,8 @@ def _off_the_baseline(reproduction: Reproduction, histories: Histories) -> None:
             f"500 to 1000 s: the track converges, {track.label}",
             "converges",
             end,
-            _only_if(end.value < _CONVERGED),
-            f"{_SETTINGS}. {_CRITERIA}. Only off the baseline, and then not because of the origin: 20 s before it the "
+            _only_if(end.value < CONVERGED),
+            f"{_SETTINGS}. {CRITERIA}. Only off the baseline, and then not because of the origin: 20 s before it the "
             f"RMS has fallen from {history.rms()[0]:.0f} m to {history.rms()[early]:.0f} m, the bound to "
             f"{history.bound[early].mean():.0f} m",
         )
@@ -319,7 +322,7 @@ def _condition(reproduction: Reproduction) -> None:
 
 def _against_the_bound(reproduction: Reproduction, histories: Histories) -> None:
     """How close the filters come to the bound, and whether they know their errors."""
-    low, high = _EFFICIENT
+    low, high = EFFICIENT
     named = [(track, track.label, history) for track, history in histories.items()]
     for track in (NEAR, FAR):
         # The emitter's acceleration does not walk: until it reverses, a model without a walk is the right one.
@@ -377,12 +380,3 @@ def _draw(reproduction: Reproduction, histories: Histories) -> None:
             axis.set(xlabel="time, s", xlim=(0.0, _END))
             axis.grid(alpha=0.3, which="major")
         axes[0, 0].figure.legend(loc="outside lower center", ncols=2, frameon=False)
-
-
-def _ratio(over: Array, under: Array) -> Estimate:
-    """Ratio of the RMS of errors ``(N,)`` in the same runs, with its bootstrap interval."""
-
-    def statistic(pairs: Array, axis: int) -> Array:
-        return root_mean_square(pairs[..., 0], axis) / root_mean_square(pairs[..., 1], axis)
-
-    return Bootstrap(len(over)).estimate(np.stack([over, under], axis=-1), statistic)

@@ -12,8 +12,7 @@ from gymnasium.vector import AutoresetMode
 
 from agents import Policy, find_policy
 from passloc_env.arrays import Array
-from passloc_env.linalg import diagonal
-from passloc_env.metrics import lost
+from passloc_env.metrics import lost, root_trace
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 from passloc_env.vector_env import LocalisationVectorEnv
@@ -26,8 +25,7 @@ Quantity = Callable[[Simulation], Array]
 def position_bound(simulation: Simulation) -> Array:
     """Root of the trace of the bound's position block ``(N,)``, m."""
     position = simulation.information.dynamics.layout.position
-    root: Array = np.sqrt(diagonal(simulation.information.bound)[position].sum(axis=0))
-    return root
+    return root_trace(simulation.information.bound, position)
 
 
 def position_error(simulation: Simulation) -> Array:
@@ -41,6 +39,11 @@ _ALWAYS: dict[str, Quantity] = {
     "range": lambda simulation: simulation.outcome.range.copy(),
     "nees": lambda simulation: simulation.outcome.nees,
 }
+
+
+def last_instant(times: Array, time: float) -> int:
+    """The last of rising instants ``(K,)`` that is not after a time, s; the first when all are."""
+    return max(int(np.searchsorted(times, time + 1e-9, side="right")) - 1, 0)
 
 
 @dataclass
@@ -108,7 +111,7 @@ class History:
 
     def at(self, time: float) -> int:
         """The last kept instant not after a time, s."""
-        return max(int(np.searchsorted(self.time, time + 1e-9, side="right")) - 1, 0)
+        return last_instant(self.time, time)
 
     def relative_rms_at(self, time: float) -> Estimate:
         """RMS relative error at a time, with its bootstrap interval."""

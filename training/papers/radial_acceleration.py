@@ -26,21 +26,25 @@ from passloc_env.target import PolarStart
 from passloc_env.tracking import ScatteredPrior, UnscentedKalman
 from passloc_env.tracking.radial_acceleration import solve_track
 from passloc_env.units import DEGREE, KILOMETRE
-from training.papers.comparison import HEADINGS, MOVING, fixed_against_moving, row
+from training.papers.comparison import (
+    CONVERGED,
+    CRITERIA,
+    EFFICIENT,
+    HEADINGS,
+    MOVING,
+    STUCK,
+    error_ratio,
+    fixed_against_moving,
+    row,
+)
 from training.papers.monte_carlo import History, run
 from training.papers.reproduction import Reproduction, Verdict, holds
 from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
-from training.statistics import Bootstrap, Estimate, root_mean_square
 
 _RANGE = 200 * KILOMETRE
 _ANGLES, _SPEEDS = (0.0, 45.0, 60.0), (200.0, 350.0)
 _END = 300
 _LONG = 900
-_STUCK, _CONVERGED = 0.8, 0.05
-"""An error that keeps four fifths of what it was does not converge; one below 5 % of the range has."""
-
-_CRITERIA = "converged: RMS below 5 % of the range at the end; not converging: above 80 % of what it began with"
-_EFFICIENT = (0.9, 1.25)
 _COLOURS = {0.0: EMITTER, 45.0: OBSERVER, 60.0: ESTIMATE}
 _WIDTHS = {200.0: 1.1, 350.0: 2.4}
 
@@ -240,14 +244,14 @@ def _blind(reproduction: Reproduction, paper: Histories, long: Histories) -> Non
     """φ = 0 does not converge."""
     for speed in _SPEEDS:
         here, leaving = paper[Setting(0.0, speed)], long[Setting(0.0, speed, receding=True)]
-        kept, metres = _ratio(here.relative_error[-1], here.relative_error[0]), here.rms()[-1] / here.rms()[0]
+        kept, metres = error_ratio(here.relative_error[-1], here.relative_error[0]), here.rms()[-1] / here.rms()[0]
         bound = here.relative_bound[-1] / here.relative_bound[0]
         reproduction.claim(
             f"φ = 0°, {speed:g} m/s: the error does not converge (RMS of the relative range error, end over start)",
             "does not converge",
             kept,
-            holds(min(kept.value, bound, metres) >= _STUCK),
-            f"{_CRITERIA}; inbound, {_END} s. The bound's ratio is {bound:.2f}, the RMS in metres' {metres:.2f}: "
+            holds(min(kept.value, bound, metres) >= STUCK),
+            f"{CRITERIA}; inbound, {_END} s. The bound's ratio is {bound:.2f}, the RMS in metres' {metres:.2f}: "
             "most of the growth is the shrinking range. Receding, the relative RMS falls with the growing range alone, "
             f"to {_percent(leaving.relative_rms[-1])} after {_LONG} s; in metres it grows to "
             f"{leaving.rms()[-1] / leaving.rms()[0]:.1f} times its start",
@@ -266,8 +270,8 @@ def _converging(reproduction: Reproduction, paper: Histories, long: Histories) -
             f"φ = {angle:g}°, {speed:g} m/s: the error converges (RMS of the relative range error after {_END} s)",
             "converges",
             end,
-            _verdict(end.value < _CONVERGED, away < _CONVERGED),
-            f"{_CRITERIA}; inbound, {_END} s. Receding, the signal falls with the range: the bound ends at "
+            _verdict(end.value < CONVERGED, away < CONVERGED),
+            f"{CRITERIA}; inbound, {_END} s. Receding, the signal falls with the range: the bound ends at "
             f"{_percent(away)} and the RMS at {_percent(leaving.relative_rms[then])}, after {_LONG} s at "
             f"{_percent(leaving.relative_bound[-1])} and {_percent(leaving.relative_rms[-1])}",
         )
@@ -280,7 +284,7 @@ def _orders(reproduction: Reproduction, paper: Histories, long: Histories) -> No
         for angle in _ANGLES[1:]
     }
     for claim, pair in pairs.items():
-        ratio = _ratio(*(paper[setting].relative_error[-1] for setting in pair))
+        ratio = error_ratio(*(paper[setting].relative_error[-1] for setting in pair))
         inbound = _reversal(*(long[setting] for setting in pair))
         receding = _reversal(*(long[replace(setting, receding=True)] for setting in pair))
         reason = "" if inbound is None else "; about then the 45° track passes closest, and closer"
@@ -311,7 +315,7 @@ def _verdict(holds_here: bool, holds_further: bool) -> Verdict:
 
 def _against_the_bound(reproduction: Reproduction, paper: Histories, long: Histories) -> None:
     """How close the tracker comes to the bound, whether it knows its errors, and what longer records bring."""
-    low, high = _EFFICIENT
+    low, high = EFFICIENT
     rows = []
     for setting, history in paper.items():
         inside = "yes" if low <= history.efficiency[-1] <= high else "no"
@@ -369,12 +373,3 @@ def _draw_errors(reproduction: Reproduction, paper: Histories) -> None:
 def _largest(values: Array) -> float:
     """The largest magnitude."""
     return float(np.abs(values).max())
-
-
-def _ratio(over: Array, under: Array) -> Estimate:
-    """Ratio of the RMS of errors ``(N,)`` in the same runs, with its bootstrap interval."""
-
-    def statistic(pairs: Array, axis: int) -> Array:
-        return root_mean_square(pairs[..., 0], axis) / root_mean_square(pairs[..., 1], axis)
-
-    return Bootstrap(len(over)).estimate(np.stack([over, under], axis=-1), statistic)

@@ -11,6 +11,7 @@ from gymnasium.utils.seeding import np_random
 from passloc_env.angles import wrap
 from passloc_env.arrays import Array
 from passloc_env.frames import course
+from passloc_env.metrics import nees
 from passloc_env.models import ScenarioModels
 from passloc_env.noise import NavigationErrors
 from passloc_env.platforms import Pose
@@ -18,6 +19,7 @@ from passloc_env.randomisation import Randomisation
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 from passloc_env.tracking.tracker import Models, Track
+from training.papers.monte_carlo import last_instant
 from training.statistics import root_mean_square
 
 
@@ -37,7 +39,7 @@ class Errors:
 
     def at(self, time: float) -> int:
         """The last instant not after a time, s."""
-        return max(int(np.searchsorted(self.time, time + 1e-9, side="right")) - 1, 0)
+        return last_instant(self.time, time)
 
     def settles(self, name: str, level: float) -> float:
         """Time from which the RMS stays at or below a level, s; infinite when it never does."""
@@ -85,10 +87,9 @@ class _Judge:
         offset, speed = track.mean[:3] - position, np.linalg.norm(velocity, axis=0)
         astray = wrap(course(track.mean[:3], track.mean[3:6]) - course(position, velocity))
         error = np.concatenate([offset, track.mean[3:6] - velocity])
-        covariance = np.moveaxis(track.covariance[:6, :6], -1, 0)
-        nees = np.einsum("in,ni->n", error, np.linalg.solve(covariance, error.T[..., None])[..., 0])
+        surprise = nees(error, track.covariance[:6, :6])
         swift = np.linalg.norm(track.mean[3:6], axis=0)
-        self._rows.append((time, np.linalg.norm(offset, axis=0), np.abs(swift - speed), np.abs(astray), nees))
+        self._rows.append((time, np.linalg.norm(offset, axis=0), np.abs(swift - speed), np.abs(astray), surprise))
 
     def errors(self) -> Errors:
         time, *histories = zip(*self._rows, strict=True)
