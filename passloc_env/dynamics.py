@@ -6,7 +6,7 @@ import numpy as np
 
 from passloc_env.arrays import Array
 from passloc_env.layout import StateLayout
-from passloc_env.linalg import LinearMap, row_gram
+from passloc_env.linalg import LinearMap, row_gram, spaced
 from passloc_env.motion import LinearMotion, Motion
 from passloc_env.nuisance import Nuisance
 
@@ -57,13 +57,13 @@ class Dynamics:
         return self._map
 
     def advance(self, state: Array, time: Array) -> None:
-        """Move states ``(n, N)`` from ``time (N,)`` by one noise-free period, in place."""
+        """Move states ``(n, …, N)`` from ``time (N,)`` by one noise-free period, in place."""
         if self._map is None:
             state[...] = self.motion.propagate(state, self.layout, self.period, time)
             return
         self._map.apply(state)
         if self._input is not None:
-            state += self._input
+            state += spaced(self._input, state.ndim)
 
     def mean(self, states: Array, time: Array) -> Array:
         """The noise-free states ``(n, …, N)`` one period after ``time (N,)``; a new array."""
@@ -71,14 +71,14 @@ class Dynamics:
             return self.motion.propagate(states, self.layout, self.period, time)
         moved = self._map(states)
         if self._input is not None:
-            moved += self._input.reshape(len(moved), *(1,) * (moved.ndim - 2), -1)
+            moved += spaced(self._input, moved.ndim)
         return moved
 
     def spread(self, covariance: Array) -> None:
-        """``P ← F P Fᵀ + Q`` for ``(n, n, N)``, in place."""
+        """``P ← F P Fᵀ + Q`` for ``(n, n, …, N)``, in place."""
         self.transition.congruence(covariance)
         if self.noise_size:
-            covariance += self.process_noise
+            covariance += spaced(self.process_noise, covariance.ndim)
 
     def disturb(self, state: Array, normals: Array) -> None:
         """Add process noise to ``state (n, N)`` in place, from standard normals ``(w, N)``."""

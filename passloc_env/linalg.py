@@ -7,11 +7,13 @@ over the small axes are accumulated in an order fixed by their length alone (:fu
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from passloc_env.arrays import Array, BoolArray
+
+Entries = TypeVar("Entries", Array, BoolArray)
 
 _PIVOT_FLOOR = 1e-14
 """Pivots below this share of the diagonal are rounding noise, not variance."""
@@ -52,6 +54,14 @@ def row_gram(matrix: Array) -> Array:
         return np.zeros((len(matrix), len(matrix), *matrix.shape[2:]))
     columns = matrix.swapaxes(0, 1)
     return tree_sum(columns[:, :, None] * columns[:, None])
+
+
+def spaced(values: Entries, axes: int) -> Entries:
+    """``(…, 1|N)`` with unit axes put before the batch axis until it has so many ``axes``: ready for middle axes."""
+    missing = axes - values.ndim
+    if missing <= 0:
+        return values
+    return values.reshape(*values.shape[:-1], *(1,) * missing, values.shape[-1])
 
 
 def transpose(matrix: Array) -> Array:
@@ -119,7 +129,7 @@ def _flat_diagonal(matrix: Array) -> Array:
 
 
 def unsound(matrix: Array) -> BoolArray:
-    """Which matrices of the batch ``(n, n, N)`` are not numerically positive definite, as a mask ``(N,)``."""
+    """Which matrices of the batch ``(n, n, …, N)`` are not numerically positive definite, as a mask ``(…, N)``."""
     with np.errstate(all="ignore"):
         floors = _PIVOT_FLOOR * diagonal(matrix)
         return ~np.logical_and.reduce(_sound_pivots(cholesky(matrix).lower, floors), axis=0)
@@ -142,7 +152,7 @@ def nearest_positive_definite(matrix: Array) -> Array:
 
 
 def mend(matrix: Array) -> BoolArray:
-    """Make those of ``(n, n, N)`` positive definite, in place, that are finite and not so; which they were ``(N,)``."""
+    """Make those ``(n, n, …, N)`` positive definite, in place, that are finite and not so; which ones ``(…, N)``."""
     broken = unsound(matrix) & np.isfinite(matrix).all(axis=(0, 1))
     matrix[..., broken] = nearest_positive_definite(matrix[..., broken])
     return broken

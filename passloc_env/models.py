@@ -51,4 +51,6 @@ class ScenarioModels:
         dense = self._is_random(where) or self._is_random("sensors")
         dynamics = Dynamics(motion, layout, self._scenario.episode.period, states, dense=dense)
         self.volatile |= dense and (dynamics.linear or dynamics.noise_size > 0)
-        return Models(layout, dynamics, self.suite), states
+        # Random numbers of members are named ``tracker.motions.…``, which begins like their owner's.
+        members = tuple(self._build(where, member)[0] for member in motion.members)
+        return Models(layout, dynamics, self.suite, members), states

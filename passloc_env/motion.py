@@ -29,6 +29,8 @@ class Motion(Component):
     linear: bool = True
     model: bool = True
     """Whether a tracker or bound can use it; a manoeuvre known only to the truth cannot be a model."""
+    members: tuple[Motion, ...] = ()
+    """The motions that it switches between, for one that is no motion of its own."""
 
     def check(self, dimension: int) -> None:
         """Raise ScenarioError when the motion does not fit a problem of this dimension."""

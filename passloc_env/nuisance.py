@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from passloc_env.arrays import Number
@@ -16,3 +17,11 @@ class Nuisance:
     """Prior standard deviation; the prior mean is zero."""
     walk: Number = 0.0
     """Random-walk standard deviation per step."""
+
+
+def distinct(nuisances: Iterable[Nuisance]) -> tuple[Nuisance, ...]:
+    """Each nuisance once, by name, as it was first declared."""
+    unique: dict[str, Nuisance] = {}
+    for nuisance in nuisances:
+        unique.setdefault(nuisance.name, nuisance)
+    return tuple(unique.values())

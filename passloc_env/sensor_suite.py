@@ -9,7 +9,7 @@ from passloc_env.arrays import Array, BoolArray
 from passloc_env.distributions import Distribution
 from passloc_env.errors import ScenarioError
 from passloc_env.linalg import LinearMap, cholesky, diagonal, log_determinant
-from passloc_env.nuisance import Nuisance
+from passloc_env.nuisance import Nuisance, distinct
 from passloc_env.sensors import Sensor
 from passloc_env.sightline import Scene
 
@@ -114,11 +114,7 @@ def may_miss(sensors: tuple[Sensor, ...]) -> bool:
 
 def nuisances(sensors: tuple[Sensor, ...]) -> tuple[Nuisance, ...]:
     """The nuisance states that some sensors need, each once."""
-    unique: dict[str, Nuisance] = {}
-    for sensor in sensors:
-        for nuisance in sensor.nuisances:
-            unique.setdefault(nuisance.name, nuisance)
-    return tuple(unique.values())
+    return distinct(nuisance for sensor in sensors for nuisance in sensor.nuisances)
 
 
 def check_nuisances(sensors: tuple[Sensor, ...]) -> None:

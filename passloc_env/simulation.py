@@ -213,6 +213,7 @@ class Simulation:
             own_ship=self.scenario.own_ship,
             min_range=episode.min_range,
             last_action=self.action,
+            components=self.track.components,
         )
 
     def observe(self) -> Array:
@@ -282,7 +283,7 @@ class Simulation:
 
         look = self._first_look(truth, heard, reported, self.noise.prior[:, evaluated])
         mean, covariance = prior.start(look)
-        self.track.start(columns, mean[:, kept], covariance[..., kept])
+        self.track.start(columns, mean[:, kept], covariance[..., kept], look.pose.position[:, kept])
         layout = self.models.bound.layout
         seen = replace(look, layout=layout, nuisances=self.models.bound_nuisances)
         seen.truth = layout.convert(truth, self.models.truth.layout)
@@ -313,7 +314,7 @@ class Simulation:
         repairs = self.track.repairs[columns] + 1
         look = self._first_look(self.truth, (measurement, self.detected), reported, self.noise.prior)
         mean, covariance = self.realised.prior.start(look)
-        self.track.start(columns, mean[:, columns], covariance[..., columns])
+        self.track.start(columns, mean[:, columns], covariance[..., columns], look.pose.position[:, columns])
         self.track.repairs[columns] = repairs
 
     def _first_look(

@@ -5,7 +5,9 @@ from passloc_env.tracking.ekf import ExtendedKalman
 from passloc_env.tracking.filterpy_tracker import FilterPyTracker
 from passloc_env.tracking.height_prior import HeightPrior
 from passloc_env.tracking.initialisation import CoursePrior, Prior, RangePrior, StatePrior
+from passloc_env.tracking.interacting import InteractingModels
 from passloc_env.tracking.place_prior import PlacePrior
+from passloc_env.tracking.range_bank import RangeBank
 from passloc_env.tracking.recursive_cross_fix import RecursiveCrossFix
 from passloc_env.tracking.scattered_prior import ScatteredPrior
 from passloc_env.tracking.tracker import Track, Tracker
@@ -17,8 +19,10 @@ __all__ = [
     "ExtendedKalman",
     "FilterPyTracker",
     "HeightPrior",
+    "InteractingModels",
     "PlacePrior",
     "Prior",
+    "RangeBank",
     "RangePrior",
     "RecursiveCrossFix",
     "ScatteredPrior",

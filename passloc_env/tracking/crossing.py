@@ -63,9 +63,9 @@ class CrossingTrack(UnscentedTrack):
         ]
         self.last_bearings: Array = np.full((len(self._arrays), environments), np.nan)
 
-    def start(self, columns: IntArray, mean: Array, covariance: Array) -> None:
+    def start(self, columns: IntArray, mean: Array, covariance: Array, origin: Array | None = None) -> None:
         """Begin anew, with no bearing seen yet, in the given environments."""
-        super().start(columns, mean, covariance)
+        super().start(columns, mean, covariance, origin)
         self.last_bearings[:, columns] = np.nan
 
     def update(self, measurement: Array, poses: list[Pose], detected: BoolArray | None = None) -> None:

@@ -15,7 +15,7 @@ from passloc_env.motion import ConstantVelocity, Motion
 from passloc_env.platforms import Pose
 from passloc_env.sightline import Scene
 from passloc_env.tracking.tracker import Models, Track, Tracker
-from passloc_env.tracking.ukf import check_spread
+from passloc_env.tracking.unscented import check_spread
 
 _UNDETECTED = 1e12
 """Factor on the variance of a scalar that was not detected, for filters that take a measurement whole or not at all."""
@@ -119,9 +119,9 @@ class FilterPyTrack(Track):
         )
         return self._tracker.create(layout.size, suite.size, dynamics.period, calls)
 
-    def start(self, columns: IntArray, mean: Array, covariance: Array) -> None:
+    def start(self, columns: IntArray, mean: Array, covariance: Array, origin: Array | None = None) -> None:
         """Begin anew, with fresh filters, in the given environments."""
-        super().start(columns, mean, covariance)
+        super().start(columns, mean, covariance, origin)
         for column in columns:
             self._filters[column] = self._create(int(column))
 

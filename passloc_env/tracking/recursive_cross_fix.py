@@ -80,9 +80,9 @@ class CrossFixTrack(Track):
     def _bearing_sensors(self) -> list[Bearing]:
         return [sensor for sensor in self.models.suite.sensors if isinstance(sensor, Bearing)]
 
-    def start(self, columns: IntArray, mean: Array, covariance: Array) -> None:
+    def start(self, columns: IntArray, mean: Array, covariance: Array, origin: Array | None = None) -> None:
         """Begin anew, with no ray heard yet, in the given environments."""
-        super().start(columns, mean, covariance)
+        super().start(columns, mean, covariance, origin)
         position = self.models.layout.position
         for rays in (self.stations, self.bearings, self.heard):
             rays[..., columns] = 0

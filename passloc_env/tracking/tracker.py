@@ -24,6 +24,8 @@ class Models:
     layout: StateLayout
     dynamics: Dynamics
     suite: SensorSuite
+    members: tuple[Models, ...] = ()
+    """Those of the motions that a multi-model tracker switches between, each with a layout of its own."""
 
 
 @abstract
@@ -59,8 +61,11 @@ class Track:
         self.nis: Array = np.zeros(environments)
         self.repairs: IntArray = np.zeros(environments, np.int64)
 
-    def start(self, columns: IntArray, mean: Array, covariance: Array) -> None:
-        """Begin anew in the given environments from a prior ``(n, k)``, ``(n, n, k)``."""
+    def start(self, columns: IntArray, mean: Array, covariance: Array, origin: Array | None = None) -> None:
+        """Begin anew in the given environments from a prior ``(n, k)``, ``(n, n, k)``.
+
+        ``origin (d, k)`` is the reported position from which the prior was made; None means the origin of coordinates.
+        """
         self.mean[:, columns] = mean
         self.covariance[..., columns] = covariance
         self.nis[columns] = 0.0
@@ -76,6 +81,11 @@ class Track:
         ``detected (m, N)`` tells which scalars were made at all; None means all.
         """
         raise AssertionError(f"{type(self).__name__} must define update")
+
+    @property
+    def components(self) -> dict[str, Array]:
+        """Further beliefs of multi-model trackers by name, batch axis last, live; none by default."""
+        return {}
 
     def state_arrays(self) -> dict[str, np.ndarray]:
         """Everything that makes up the track's state, by name, batch axis last."""
