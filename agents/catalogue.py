@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from agents import rules
+from agents import planning, rules
 from agents.learned import LearnedPolicy, is_agent
 from agents.policy import Policy
 from passloc_env.errors import InputError, unknown_name
@@ -26,8 +26,25 @@ _RULES: dict[str, Callable[..., Policy]] = {
     "legs": lambda scenario: rules.Legs(legs=_published_legs(scenario)),
 }
 
+_PLANNERS: dict[str, Callable[..., Policy]] = {
+    "greedy": planning.greedy,
+    "horizon": planning.horizon,
+    "shrinking": planning.shrinking,
+    "greedy-truth": planning.knowing(planning.greedy),
+    "horizon-truth": planning.knowing(planning.horizon),
+    "shrinking-truth": planning.knowing(planning.shrinking),
+}
+
+_POLICIES = {**_RULES, **_PLANNERS}
+
+_WORDS = ("objective", "over")
+"""Parameters whose values are words; all others are numbers."""
+
 RULE_NAMES = tuple(_RULES)
 """All rules; ``legs`` exists where legs were published."""
+
+PLANNER_NAMES = tuple(_PLANNERS)
+"""All planners; those that are told the truth say so."""
 
 
 class PolicyError(InputError):
@@ -38,19 +55,22 @@ def find_policy(text: str, scenario: Scenario) -> Policy:
     """A policy from its name or from the path of a trained agent.
 
     Args:
-        text: a rule, with parameters after colons (``zigzag:angle=45:leg=80``), or a run folder or agent file.
+        text: a rule or planner, with parameters after colons (``zigzag:angle=45:leg=80``, ``horizon:objective=D``), or
+            a run folder or agent file.
         scenario: the problem it is to be flown on.
 
     Raises:
-        PolicyError: no such rule or agent (with the closest name), or an agent that does not fit the scenario.
+        PolicyError: no such rule, planner or agent (with the closest name), or one that does not fit the scenario.
     """
     name, *settings = text.split(":")
-    if name not in _RULES:
+    if name not in _POLICIES:
         if text and is_agent(Path(text)):
             return LearnedPolicy.load(Path(text), scenario)
-        raise PolicyError(str(unknown_name("policy", text, _RULES, "rule, run folder or agent file", name=name)))
+        raise PolicyError(
+            str(unknown_name("policy", text, _POLICIES, "rule, planner, run folder or agent file", name=name))
+        )
     try:
-        return _RULES[name](scenario, **dict(_setting(item, text) for item in settings))
+        return _POLICIES[name](scenario, **dict(_setting(item, text) for item in settings))
     except TypeError:
         raise PolicyError(f"policy = {text!r} is not possible: {name} takes no such parameter") from None
     except ValueError as error:
@@ -74,6 +94,8 @@ def default_policies(scenario: Scenario) -> tuple[str, ...]:
 
 def _setting(item: str, text: str) -> tuple[str, Any]:
     key, _, value = item.partition("=")
+    if key in _WORDS:
+        return key, value
     try:
         return key, float(value)
     except ValueError:

@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from passloc_env.arrays import Array
 from passloc_env.belief import Belief
 
 
@@ -32,4 +33,19 @@ class Policy(Protocol):
             belief: the tracker's belief, batch axis last.
             rng: the policy's own random numbers.
         """
+        ...
+
+
+@runtime_checkable
+class TruthKnowing(Policy, Protocol):
+    """A policy that is told what nobody can know, to show what knowing it would be worth; its name says so.
+
+    No belief ever holds the truth. It is handed over beside the belief, by those who fly whole episodes, and only to
+    policies that have this method.
+    """
+
+    def act_on_truth(
+        self, truth: Array, observation: np.ndarray, belief: Belief, rng: np.random.Generator
+    ) -> np.ndarray:
+        """The actions ``(N, a)``, given the true state of the emitter ``(n, N)`` in the rows of the belief's mean."""
         ...

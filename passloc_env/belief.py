@@ -13,7 +13,9 @@ from passloc_env.fields import quantity
 from passloc_env.frames import cross
 from passloc_env.layout import StateLayout
 from passloc_env.linalg import diagonal, inner, matvec
+from passloc_env.motion import Motion
 from passloc_env.platforms import Platform, Pose
+from passloc_env.sensors import Sensor
 from passloc_env.sightline import distance
 
 OBSERVATION_LIMIT = 10.0
@@ -28,11 +30,14 @@ class Belief:
         time: seconds since the episode began ``(N,)``.
         time_left: seconds until it ends ``(N,)``.
         interval: seconds between decisions.
+        period: seconds between measurements.
         mean: ``(n, N)``.
         covariance: ``(n, n, N)``.
         layout: rows of the state.
         poses: reported pose of every platform.
         platforms: their configurations, with this episode's numbers.
+        sensors: what they hear, likewise.
+        motion: how the tracker believes the emitter to move, likewise.
         own_ship: index of the platform that the line of sight is drawn from.
         min_range: the keep-out radius, m.
         last_action: the action in force ``(a, N)``.
@@ -42,11 +47,14 @@ class Belief:
     time: Array
     time_left: Array
     interval: float
+    period: float
     mean: Array
     covariance: Array
     layout: StateLayout
     poses: list[Pose]
     platforms: tuple[Platform, ...]
+    sensors: tuple[Sensor, ...]
+    motion: Motion
     own_ship: int
     min_range: float
     last_action: Array

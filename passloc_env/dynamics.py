@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 
 from passloc_env.arrays import Array
 from passloc_env.layout import StateLayout
-from passloc_env.linalg import LinearMap, row_gram, spaced
+from passloc_env.linalg import LinearMap, matmul, matvec, row_gram, spaced
 from passloc_env.motion import LinearMotion, Motion
 from passloc_env.nuisance import Nuisance
 
@@ -33,16 +35,19 @@ class Dynamics:
         nuisances: tuple[Nuisance, ...] = (),
         dense: bool = False,
     ) -> None:
-        self.motion, self.layout, self.period = motion, layout, period
+        self.motion, self.layout, self.period, self._dense = motion, layout, period, dense
         self._map: LinearMap | None = None
         self._input: Array | None = None
         if isinstance(motion, LinearMotion):
             self._map = LinearMap(motion.transition(layout, period), dense=dense)
             self._input = motion.known_input(layout, period)
-        gain = _with_walks(motion.noise_gain(layout, period), layout, nuisances)
+        self._driven_by(_with_walks(motion.noise_gain(layout, period), layout, nuisances))
+
+    def _driven_by(self, gain: Array) -> None:
+        """Take ``Γ (n, w, 1|N)`` as the gain of the process noise."""
         self.noise_size = gain.shape[1]
-        self._drive = LinearMap(gain, dense=dense)
-        self.process_noise = row_gram(gain)
+        self._drive = LinearMap(gain, dense=self._dense)
+        self.process_noise: Array = row_gram(gain)
 
     @property
     def linear(self) -> bool:
@@ -55,6 +60,22 @@ class Dynamics:
         if self._map is None:
             raise TypeError(f"{type(self.motion).__name__} is not linear: it has no transition matrix")
         return self._map
+
+    def repeated(self, steps: int) -> Dynamics:
+        """Some steps as one: ``F^k``, with the input and the noise of all of them; TypeError when not linear."""
+        transition, push, gain = self.transition.matrix, self._input, self._drive.matrix
+        matrix, pushed, gains = transition, push, [gain]
+        for _ in range(steps - 1):
+            gains.append(matmul(transition, gains[-1]))
+            matrix = matmul(transition, matrix)
+            if push is not None and pushed is not None:
+                pushed = matvec(transition, pushed) + push
+        longer = copy.copy(self)
+        longer.period = steps * self.period
+        longer._map, longer._input = LinearMap(matrix, dense=self._dense), pushed
+        batch = max(one.shape[-1] for one in gains)
+        longer._driven_by(np.concatenate([np.broadcast_to(g, (*g.shape[:2], batch)) for g in gains], axis=1))
+        return longer
 
     def advance(self, state: Array, time: Array) -> None:
         """Move states ``(n, …, N)`` from ``time (N,)`` by one noise-free period, in place."""

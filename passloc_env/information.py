@@ -35,15 +35,20 @@ _SMALLEST_VARIANCE = 1e-12
 class Information:
     """The bound and the Gram gain of a batch, updated in place.
 
+    Args:
+        dynamics: how the emitter moves; linear.
+        environments: how many.
+        gram: whether the Gram gain is wanted; without it, and its noise-free copy, the bound costs half.
+
     Attributes:
         covariance: ``(n, n, k, N)``; ``[:, :, 0]`` is the bound, ``[:, :, -1]`` its noise-free copy.
-        gram_gain: gain of the last measurement in ``ln det(G + P₀⁻¹)``, ``(N,)``.
+        gram_gain: gain of the last measurement in ``ln det(G + P₀⁻¹)``, ``(N,)``; zero where it is not wanted.
     """
 
-    def __init__(self, dynamics: Dynamics, environments: int) -> None:
-        self.dynamics = dynamics
+    def __init__(self, dynamics: Dynamics, environments: int, gram: bool = True) -> None:
+        self.dynamics, self._gram = dynamics, gram
         n = dynamics.layout.size
-        copies = 2 if dynamics.noise_size else 1
+        copies = 2 if gram and dynamics.noise_size else 1
         self.covariance: Array = np.zeros((n, n, copies, environments))
         self.gram_gain: Array = np.zeros(environments)
 
@@ -72,7 +77,8 @@ class Information:
         predicted = matmul(spread, transpose(rows))
         predicted += suite.noise_covariance[:, :, None]
         lower = cholesky_above(predicted, suite.noise_pivots[:, None])
-        np.subtract(log_determinant(lower)[-1], suite.noise_log_determinant, out=self.gram_gain)
+        if self._gram:
+            np.subtract(log_determinant(lower)[-1], suite.noise_log_determinant, out=self.gram_gain)
         self.covariance -= row_gram(transpose(solve_lower(lower, spread)))
         if not np.logical_and.reduce(diagonal(self.covariance) > 0.0, axis=None):
             self._repair()

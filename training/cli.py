@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _list(arguments: List) -> None:
-    from agents import RULE_NAMES
+    from agents import PLANNER_NAMES, RULE_NAMES
     from training.progress import console
 
     for name, scenario in SCENARIOS.items():
@@ -52,6 +52,7 @@ def _list(arguments: List) -> None:
         pace = f"{scenario.episode.duration:5.0f} s, decides every {scenario.episode.interval:g} s"
         console.print(f"{environment_id(name):39s} {sensors:16s} {pace}", highlight=False, soft_wrap=True)
     console.print(f"rules: {', '.join(RULE_NAMES)}", highlight=False)
+    console.print(f"planners: {', '.join(PLANNER_NAMES)}", highlight=False)
     if arguments.pages is not None:
         from training.scenario_pages import write_pages
 

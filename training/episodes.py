@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from agents import Policy
+from agents import Policy, TruthKnowing
 from passloc_env.arrays import Array, BoolArray
 from passloc_env.metrics import lost, root_trace, time_to
 from passloc_env.scenario import Scenario
@@ -108,12 +108,24 @@ def fly(
         for decision in range(decisions):
             rng = _policy_generator(seed, decision, first * flown.action_size)
             begun = time.perf_counter()
-            actions = policy.act(observation, env.belief, rng)
+            actions = decide(policy, env, observation, rng)
             thinking += time.perf_counter() - begun
             observation, *_ = env.step(actions)
         parts += [recorder.scores(tile) for recorder, tile in zip(recorders, env.batch.tiles, strict=True)]
         progress(count)
     return Scores.join(parts), thinking / (decisions * episodes)
+
+
+def decide(policy: Policy, env: LocalisationVectorEnv, observation: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The policy's actions ``(N, a)``; nobody but a policy that says it knows the truth is handed it."""
+    if not isinstance(policy, TruthKnowing):
+        return policy.act(observation, env.belief, rng)
+    models = [tile.models for tile in env.batch.tiles]
+    truth = [
+        model.tracker.layout.convert(tile.truth, model.truth.layout)
+        for model, tile in zip(models, env.batch.tiles, strict=True)
+    ]
+    return policy.act_on_truth(np.concatenate(truth, axis=-1), observation, env.belief, rng)
 
 
 def _policy_generator(seed: int, decision: int, skip: int) -> np.random.Generator:

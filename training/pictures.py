@@ -21,6 +21,7 @@ from passloc_env.arrays import Array
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 from passloc_env.vector_env import LocalisationVectorEnv
+from training.episodes import decide
 from training.evaluate import Evaluation
 from training.train import Run
 
@@ -42,7 +43,7 @@ class _Track:
         observation, _ = env.reset(seed=seed)
         rng = np.random.default_rng(seed)
         for _ in range(flown.episode.steps // flown.episode.decision_every):
-            observation, *_ = env.step(policy.act(observation, env.belief, rng))
+            observation, *_ = env.step(decide(policy, env, observation, rng))
 
     def _watch(self, simulation: Simulation) -> None:
         outcome = simulation.outcome

@@ -11,7 +11,7 @@ from passloc_env.arrays import Array, BoolArray, Number, rows
 from passloc_env.fields import quantity
 from passloc_env.frames import EARTH_GRAVITY, EARTH_RADIUS, EARTH_RATE, below_horizon, cross, turned_body
 from passloc_env.lazy import lazy
-from passloc_env.linalg import matmul, tree_sum
+from passloc_env.linalg import matmul, transpose, tree_sum
 from passloc_env.noise import NavigationErrors
 from passloc_env.platforms.platform import Platform, stack
 from passloc_env.platforms.pose import Pose
@@ -80,6 +80,18 @@ class CircularOrbit(Platform):
         """Argument of latitude, node longitude, body axes in the orbital frame by row, body rates ``(14, N)``."""
         aligned = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
         return stack((self.argument_of_latitude, self.node_longitude, *aligned, 0.0, 0.0, 0.0), environments)
+
+    def state_at(self, pose: Pose) -> Array:
+        """The orbit's angles from position and velocity, the body axes from the attitude; body rates of zero."""
+        up = pose.position / self.radius
+        forward = (pose.velocity + _earth_turn(pose.position)) / (self.radius * self.orbital_rate)
+        latitude = np.arctan2(up[2], forward[2])
+        node = np.arctan2(up[1], up[0]) - np.arctan2(np.sin(latitude) * np.cos(self.inclination), np.cos(latitude))
+        still = np.zeros((14, len(node)))
+        still[_LATITUDE], still[_NODE] = latitude, node
+        orbital = rows(forward, cross(-up, forward), -up)
+        still[_ATTITUDE] = matmul(pose.attitude, transpose(orbital)).reshape(9, -1)
+        return still
 
     def set_point(self, state: Array, action: Array, line_of_sight: Array) -> Array:
         """Body rates ``(3, N)``, rad/s."""

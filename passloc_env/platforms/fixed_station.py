@@ -27,6 +27,10 @@ class FixedStation(Platform):
         """The position ``(d, N)``."""
         return stack(self.position, environments)
 
+    def state_at(self, pose: Pose) -> Array:
+        """Its position."""
+        return pose.position
+
     def pose(self, state: Array) -> Pose:
         """At rest."""
         still = np.zeros(state.shape)

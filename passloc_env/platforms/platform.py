@@ -43,6 +43,10 @@ class Platform(Component):
         """The state ``(rows, N)`` at the beginning of an episode."""
         raise AssertionError(f"{type(self).__name__} must define start")
 
+    def state_at(self, pose: Pose) -> Array:
+        """The state ``(rows, N)`` in which the platform has this pose, as far as a pose can tell: for looking ahead."""
+        raise AssertionError(f"{type(self).__name__} must define state_at to be planned for")
+
     def set_point(self, state: Array, action: Array, line_of_sight: Array) -> Array:
         """What to hold until the next decision, ``(set_points, N)``.
 

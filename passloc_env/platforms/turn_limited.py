@@ -12,7 +12,7 @@ from passloc_env.errors import ScenarioError
 from passloc_env.fields import option, quantity, vector
 from passloc_env.motion import sinc
 from passloc_env.platforms.platform import Platform, stack
-from passloc_env.platforms.pose import PlanarPose
+from passloc_env.platforms.pose import PlanarPose, Pose
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +45,12 @@ class TurnLimitedPlatform(Platform):
         """East, north, heading, turn rate, and the forward axis ``(6, N)``."""
         heading = np.asarray(self.heading, float)
         return stack((*self.position, heading, 0.0, np.sin(heading), np.cos(heading)), environments)
+
+    def state_at(self, pose: Pose) -> Array:
+        """Position, heading and turn rate ``(6, N)`` of a planar pose."""
+        assert isinstance(pose, PlanarPose)
+        heading = pose.heading
+        return stack((*pose.position, heading, pose.turn_rate, np.sin(heading), np.cos(heading)), len(heading))
 
     def set_point(self, state: Array, action: Array, line_of_sight: Array) -> Array:
         """A heading, or a turn rate, ``(1, N)``."""

@@ -5,7 +5,16 @@ import json
 import numpy as np
 import pytest
 
-from agents import RULE_NAMES, AgentFile, LearnedPolicy, Policy, PolicyError, default_policies, find_policy
+from agents import (
+    PLANNER_NAMES,
+    RULE_NAMES,
+    AgentFile,
+    LearnedPolicy,
+    Policy,
+    PolicyError,
+    default_policies,
+    find_policy,
+)
 from agents.agent_file import CARD, WEIGHTS
 from passloc_env import SCENARIOS, LocalisationVectorEnv
 from passloc_env.spaces import observation_names
@@ -44,7 +53,7 @@ def refusal(text, scenario=SCENARIO):
     return message
 
 
-@pytest.mark.parametrize("name", RULE_NAMES)
+@pytest.mark.parametrize("name", RULE_NAMES + PLANNER_NAMES)
 def test_every_name_finds_a_policy(name):
     policy = find_policy(name, OWN_SHIP)
     assert isinstance(policy, Policy)
@@ -83,6 +92,64 @@ def test_parameters(text, angle, leg):
     policy = find_policy(text, SCENARIO)
     assert (policy.angle, policy.leg) == (angle, leg)
     assert policy.name == f"zigzag {angle:g}° {leg:g} s"
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("greedy", "greedy D"),
+        ("greedy:objective=A", "greedy A"),
+        ("greedy-truth:objective=range:grid=16", "greedy-truth range"),
+        ("horizon", "horizon range 48 s"),
+        ("horizon:seconds=480:margin=2", "horizon range 8 min"),
+        ("horizon:objective=D:over=end:seconds=24", "horizon D end 24 s"),
+        ("horizon-truth:seconds=96", "horizon-truth range 96 s"),
+        ("shrinking:legs=3:looks=20:generations=2:caution=10", "shrinking range"),
+        ("shrinking-truth:objective=A", "shrinking-truth A"),
+    ],
+)
+def test_planners_by_name(text, name):
+    assert find_policy(text, SCENARIO).name == name
+
+
+def test_parameters_of_planners():
+    policy = find_policy("horizon:seconds=96:margin=2:caution=5:legs=3:looks=6:generations=4:over=end", SCENARIO)
+    assert (policy.seconds, policy.legs, policy.looks, policy.generations) == (96.0, 3, 6, 4)
+    assert (policy.criterion.margin, policy.criterion.caution, policy.criterion.span) == (2.0, 5.0, "end")
+    assert find_policy("horizon", OWN_SHIP).seconds == 720.0
+    assert find_policy("horizon", SCENARIOS["CrossFix"]).generations == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("greedy:objective=E", "objective must be one of range, A, D"),
+        ("horizon:over=start", "over must be one of mean, end"),
+        ("horizon:seconds=0", "seconds must be a finite number above 0"),
+        ("horizon:seconds=inf", "seconds must be a finite number above 0"),
+        ("horizon:margin=-1", "margin must be"),
+        ("horizon:caution=nan", "caution must be"),
+        ("horizon:legs=1.5", "legs must be a whole number of at least 1"),
+        ("shrinking:looks=0", "looks must be a whole number of at least 1"),
+        ("shrinking:generations=-1", "generations must be a whole number of at least 0"),
+        ("greedy:grid=1", "grid must be a whole number of at least 2"),
+        ("greedy:seconds=4", "takes no such parameter"),
+        ("shrinking:seconds=4", "takes no such parameter"),
+        ("horizon:weight=4", "takes no such parameter"),
+        ("zigzag:objective=A", "takes no such parameter"),
+        ("horizon:seconds=long", "must be name=number"),
+    ],
+)
+def test_an_impossible_planner(text, reason):
+    assert reason in refusal(text)
+
+
+@pytest.mark.parametrize("name", PLANNER_NAMES)
+def test_scenarios_that_cannot_be_planned_for(name):
+    fixed = SCENARIO.override({"platforms": [{"type": "FixedStation"}]})
+    assert "nothing that can be steered" in refusal(name, fixed)
+    turning = SCENARIO.override({"tracker.motion": {"type": "UnknownTurn"}})
+    assert "need a linear motion" in refusal(name, turning)
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,8 @@ def assert_belief_is_part(whole, part, own, assert_same):
     pairs.append((whole.platforms[0].speed, own.platforms[0].speed))
     for joined, single in pairs:
         assert_same(joined[..., part].copy(), single.copy())
+    assert (whole.interval, whole.period) == (own.interval, own.period)
+    assert (whole.sensors, whole.motion) == (own.sensors, own.motion)
 
 
 def test_tiles_change_nothing(vector_env, actions, rows, assert_same):

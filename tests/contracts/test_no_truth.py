@@ -7,7 +7,9 @@ import inspect
 import numpy as np
 import pytest
 
+from agents import PLANNER_NAMES, RULE_NAMES, TruthKnowing, find_policy
 from passloc_env import SCENARIOS, LocalisationVectorEnv, belief
+from passloc_env.errors import InputError
 from passloc_env.target import PolarStart
 from passloc_env.tracking import RangePrior
 
@@ -107,6 +109,28 @@ def test_measurements_do_matter(actions):
     displace(second)
     action = next(actions(SIZE))
     assert (first.step(action)[0] != second.step(action)[0]).any(axis=1).all()
+
+
+@pytest.mark.parametrize("planner", PLANNER_NAMES)
+def test_planners_see_the_belief(planner):
+    """Nobody finds the truth in a belief: those who need it are told, and their names say so."""
+    first, second = build("BearingsOnly"), build("BearingsOnly")
+    observation = first.reset(seed=6)[0]
+    second.reset(seed=6)
+    displace(second)
+    policy = find_policy(planner, first.scenario)
+    assert isinstance(policy, TruthKnowing) == planner.endswith("-truth") == policy.name.split()[0].endswith("-truth")
+    if not isinstance(policy, TruthKnowing):
+        ours, theirs = (policy.act(observation, env.belief, np.random.default_rng(0)) for env in (first, second))
+        assert ours.tobytes() == theirs.tobytes()
+        return
+    for env in (first, second):
+        with pytest.raises(InputError, match="tells it the truth"):
+            policy.act(observation, env.belief, np.random.default_rng(0))
+
+
+def test_rules_are_never_told():
+    assert not any(isinstance(find_policy(name, SCENARIOS["OwnShipModerate"]), TruthKnowing) for name in RULE_NAMES)
 
 
 def test_belief_has_no_word_for_the_truth():

@@ -7,6 +7,7 @@ import pytest
 from filterpy.common import Q_continuous_white_noise, Q_discrete_white_noise
 from scipy.linalg import expm
 
+from passloc_env.distributions import Uniform
 from passloc_env.dynamics import Dynamics
 from passloc_env.motion import (
     ConstantAcceleration,
@@ -17,6 +18,7 @@ from passloc_env.motion import (
     UnknownTurn,
 )
 from passloc_env.nuisance import Nuisance
+from passloc_env.randomisation import Randomisation
 
 PERIOD = 2.5
 SIGMA = 0.3
@@ -158,3 +160,59 @@ def test_nonlinear_motion_has_no_transition() -> None:
     assert not step.linear
     with pytest.raises(TypeError, match="UnknownTurn is not linear"):
         step.spread(np.zeros((5, 5, 1)))
+
+
+def drawn(motion: Motion) -> Motion:
+    """The motion with the numbers of three environments in place of its distributions."""
+    randomisation = Randomisation(motion, 3)
+    randomisation.sample(np.arange(3), np.random.default_rng(7).random((randomisation.size, 3)))
+    return randomisation.realised
+
+
+REPEATABLE = {
+    "CV": ConstantVelocity(acceleration_noise=0.3),
+    "CV, continuous": ConstantVelocity(acceleration_density=0.5),
+    "CV, per environment": drawn(ConstantVelocity(acceleration_noise=Uniform(low=0.1, high=0.4))),
+    "CA": ConstantAcceleration(acceleration_noise=0.1),
+    "turns, per environment": drawn(CoordinatedTurn(turn_rate=Uniform(low=-0.1, high=0.3), acceleration_noise=0.2)),
+    "known input": ConstantVelocity(known_acceleration=(2.0, -1.0)),
+}
+
+
+@pytest.mark.parametrize("name", REPEATABLE)
+@pytest.mark.parametrize("steps", [1, 2, 7])
+def test_several_steps_as_one(name: str, steps: int) -> None:
+    """Mean and covariance as after that many steps, one at a time."""
+    step = dynamics(REPEATABLE[name], nuisances=(Nuisance("bias", 1.0, 0.2),), dense="per" in name)
+    rng = np.random.default_rng(8)
+    n = step.layout.size
+    state, root = rng.normal(size=(n, 3)), rng.normal(size=(n, n, 3))
+    covariance = np.einsum("ikN,jkN->ijN", root, root)
+    leap, time = step.repeated(steps), np.zeros(3)
+    at_once, spread = leap.mean(state, time), covariance.copy()
+    leap.spread(spread)
+    for _ in range(steps):
+        step.advance(state, time)
+        step.spread(covariance)
+    np.testing.assert_allclose(at_once, state, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(spread, covariance, rtol=1e-11, atol=1e-11)
+    assert leap.period == steps * PERIOD
+    assert step.period == PERIOD
+
+
+def test_noise_of_several_steps_is_drawn_from_all_of_them() -> None:
+    """The gain of the drive and the covariance agree."""
+    leap = dynamics(ConstantVelocity(acceleration_noise=0.3)).repeated(3)
+    gain = np.stack([_column(leap, unit) for unit in np.eye(leap.noise_size)], axis=1)
+    np.testing.assert_allclose(gain @ gain.T, leap.process_noise[..., 0], rtol=1e-12)
+
+
+def _column(step: Dynamics, normals: np.ndarray) -> np.ndarray:
+    state = np.zeros((step.layout.size, 1))
+    step.disturb(state, normals[:, None])
+    return state[:, 0]
+
+
+def test_steps_of_a_nonlinear_motion_cannot_be_taken_as_one() -> None:
+    with pytest.raises(TypeError, match="UnknownTurn is not linear"):
+        dynamics(UnknownTurn()).repeated(2)

@@ -105,6 +105,21 @@ def test_bound_is_the_information_recursion(
             )
 
 
+@pytest.mark.parametrize("motion", MOTIONS.values(), ids=list(MOTIONS))
+def test_the_bound_without_the_gram_gain_is_the_same_bound(motion: LinearMotion) -> None:
+    run = Run(motion)
+    both, alone = run.information(), Information(run.dynamics, ENVIRONMENTS, gram=False)
+    alone.start(np.arange(ENVIRONMENTS), run.prior)
+    for step in range(STEPS):
+        for information in (both, alone):
+            information.advance()
+            information.absorb(run.jacobians[step], run.suite)
+    np.testing.assert_array_equal(alone.bound, both.bound)
+    assert alone.covariance.shape[2] == 1
+    assert not alone.gram_gain.any()
+    assert both.gram_gain.any()
+
+
 @pytest.mark.parametrize("missing", [0.0, 0.4])
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=list(MOTIONS))
 def test_gram_gain_is_the_growth_of_the_log_determinant(

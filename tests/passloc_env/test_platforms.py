@@ -238,3 +238,29 @@ def test_impossible_platforms(fields: dict[str, Any], field: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         TurnLimitedPlatform(**{"speed": 1.0, "max_turn_rate": 1.0, **fields})
     assert caught.value.field == field
+
+
+@pytest.mark.parametrize("platform", [TURNING, STEERED, AGILE], ids=["heading", "turn rate", "infinite rate"])
+@pytest.mark.parametrize("heading", [0.0, 2.0, -3.1])
+def test_the_state_of_a_pose(platform: TurnLimitedPlatform, heading: float) -> None:
+    """A forecast may go on from where the platform is: the same state to the bits of a sine."""
+    state = state_at(heading)
+    for action in (0.3, -0.9):
+        held = platform.set_point(state, np.array([[action]]), np.array([[0.6], [0.8]]))
+        state = platform.move(state, held, PERIOD)
+        again = platform.state_at(platform.pose(state))
+        np.testing.assert_allclose(again, state, rtol=1e-14, atol=1e-14)
+        np.testing.assert_allclose(
+            platform.move(again, held, PERIOD), platform.move(state, held, PERIOD), rtol=1e-13, atol=1e-10
+        )
+
+
+def test_the_state_of_a_station_is_its_position() -> None:
+    station = FixedStation(position=(3.0, -4.0, 5.0))
+    state = station.start(2)
+    np.testing.assert_array_equal(station.state_at(station.pose(state)), state)
+
+
+def test_a_platform_without_that_cannot_be_planned_for() -> None:
+    with pytest.raises(AssertionError, match="Platform must define state_at"):
+        Platform().state_at(TURNING.pose(state_at(0.0)))

@@ -16,6 +16,7 @@ from passloc_env.metrics import lost, root_trace
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 from passloc_env.vector_env import LocalisationVectorEnv
+from training.episodes import decide
 from training.statistics import Bootstrap, Estimate, chi_square_band, root_mean_square
 
 Quantity = Callable[[Simulation], Array]
@@ -146,7 +147,7 @@ def run(
     observation, _ = env.reset(seed=seed)
     rng = np.random.default_rng(seed)
     for _ in range(flown.episode.steps // flown.episode.decision_every):
-        observation, *_ = env.step(flown_by.act(observation, env.belief, rng))
+        observation, *_ = env.step(decide(flown_by, env, observation, rng))
     stacked: dict[str, Any] = {
         name: np.concatenate([np.stack(record[name]) for record in kept], axis=1) for name in quantities
     }
