@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,7 @@ class AgentFile:
         try:
             Scenario.from_dict(self.card["scenario"])
             _check_networks(self.card["architecture"], self.card["observation"])
+            _check_flight(self.card.get("mirror", False), self.card.get("shield_sigmas", 0.0))
         except (KeyError, TypeError, ValueError) as error:
             reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
             raise AgentFileError(f"{folder / CARD} does not describe an agent: {reason}") from None
@@ -96,6 +98,15 @@ def _check_networks(architecture: Any, observation: Any) -> None:
         whole = isinstance(sizes, list) and all(isinstance(size, int) and size > 0 for size in sizes)
         if not whole or len(sizes) < 2 or sizes[0] != len(observation):
             raise ValueError(f"{network} must list its layer sizes, from the {len(observation)} features on")
+
+
+def _check_flight(mirror: Any, sigmas: Any) -> None:
+    """ValueError unless mirror and shield, where the card speaks of them, are ones."""
+    if not isinstance(mirror, bool):
+        raise ValueError("mirror must be true or false")
+    number = isinstance(sigmas, (int, float)) and not isinstance(sigmas, bool)
+    if not number or not 0.0 <= sigmas < math.inf:
+        raise ValueError("shield_sigmas must be a finite number of at least 0")
 
 
 def _read_card(path: Path) -> dict[str, Any]:

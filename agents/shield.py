@@ -43,17 +43,26 @@ class Shield:
     def guard(self, belief: Belief, actions: np.ndarray) -> np.ndarray:
         """The actions ``(N, a)``, replaced where they leave no way out; a new array."""
         guarded = np.array(actions, float)
+        if belief.min_range > 0.0:
+            # A belief may be beyond all sense; what it says about clearance is then no number, and nothing is replaced.
+            with np.errstate(all="ignore"):
+                self._guard_all(belief, guarded)
+        return guarded
+
+    def _guard_all(self, belief: Belief, actions: Array) -> None:
+        """Replace the actions ``(N, a)`` of every turn-limited platform in place."""
         threat = _Threat.believed(belief, self.sigmas)
         column = 0
         for platform, pose in zip(belief.platforms, belief.poses, strict=True):
             if isinstance(platform, TurnLimitedPlatform) and isinstance(pose, PlanarPose):
-                self._guard_one(_Helm.of(platform, pose, threat, belief.interval), guarded[:, column])
+                self._guard_one(_Helm.of(platform, pose, threat, belief.interval), actions[:, column])
             column += platform.controls
-        return guarded
 
     def _guard_one(self, helm: _Helm, action: Array) -> None:
         """Replace one platform's actions ``(N,)`` in place."""
-        near = np.flatnonzero(helm.clearance_at_worst((1 + self.decisions) * helm.interval) < 0.0)
+        worst = helm.clearance_at_worst((1 + self.decisions) * helm.interval)
+        # What is not finite is for the environment to refuse.
+        near = np.flatnonzero((worst < 0.0) & np.isfinite(action))
         if len(near):
             wanted = action[near]
             self._replace(helm.take(near), wanted)

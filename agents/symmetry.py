@@ -49,5 +49,5 @@ def _parity(name: str) -> float:
     """Deviations have no side; means, correlations and commands change theirs with every "across" in them."""
     if name.startswith("ln "):
         return 1.0
-    odd = name.count("across") + name.startswith("last action")
+    odd = name.count("across") + name.count("turn_rate") + name.startswith("last action")
     return -1.0 if odd % 2 else 1.0

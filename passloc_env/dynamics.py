@@ -55,6 +55,11 @@ class Dynamics:
         return self._map is not None
 
     @property
+    def noise_gain(self) -> Array:
+        """``Γ (n, w, 1|N)``, which drives the state by ``w`` standard normals: ``Γ Γᵀ`` is the process noise."""
+        return self._drive.matrix
+
+    @property
     def transition(self) -> LinearMap:
         """The transition matrix ``F``, ready to be applied; TypeError when the motion has none."""
         if self._map is None:

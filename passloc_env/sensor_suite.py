@@ -32,7 +32,7 @@ class SensorSuite:
         angular = [angle for sensor in sensors for angle in sensor.angular]
         self._angles = _runs(angular)
         self.noise_covariance = self._stack_noise()
-        root = cholesky(self.noise_covariance).lower
+        self._noise_root = root = cholesky(self.noise_covariance).lower
         self.noise_pivots = np.square(diagonal(root))
         self.noise_log_determinant = log_determinant(root)
         self._disturb = LinearMap(root, dense=dense)
@@ -62,6 +62,15 @@ class SensorSuite:
     def noise(self, errors: Array) -> Array:
         """Measurement noise ``(m, N)`` from uncorrelated errors of unit variance ``(m, N)``."""
         return self._disturb(errors)
+
+    def noise_root(self, detected: BoolArray | None = None) -> Array:
+        """The lower Cholesky factor of R ``(m, m, 1|N)``; undetected scalars are uncorrelated, with unit variance."""
+        if detected is None:
+            return self._noise_root
+        missing = ~detected
+        covariance = np.where(missing[:, None] | missing[None], 0.0, self.noise_covariance)
+        diagonal(covariance)[missing] = 1.0
+        return cholesky(covariance).lower
 
     def difference(self, left: Array, right: Array) -> Array:
         """``left − right`` for measurements ``(m, …, N)``, angles around the circle; a new array."""

@@ -54,7 +54,9 @@ def train(arguments: Train) -> Run:
     parameters = _parameters(arguments, scenario)
     check_seed(arguments.seed)
     # Whatever can be wrong with the overrides shall be said before there is a folder.
-    scenario.override(parameters.overrides)
+    trained = scenario.override(parameters.overrides)
+    if parameters.mirror:
+        MirrorSymmetry(trained)
     folder = new_folder(arguments.out, f"{scenario.name}-{arguments.seed}")
     return run(scenario, parameters, folder, arguments.seed, quiet=arguments.quiet)
 

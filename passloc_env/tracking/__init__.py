@@ -10,6 +10,7 @@ from passloc_env.tracking.place_prior import PlacePrior
 from passloc_env.tracking.range_bank import RangeBank
 from passloc_env.tracking.recursive_cross_fix import RecursiveCrossFix
 from passloc_env.tracking.scattered_prior import ScatteredPrior
+from passloc_env.tracking.square_root import SquareRootKalman
 from passloc_env.tracking.tracker import Track, Tracker
 from passloc_env.tracking.ukf import UnscentedKalman
 
@@ -26,6 +27,7 @@ __all__ = [
     "RangePrior",
     "RecursiveCrossFix",
     "ScatteredPrior",
+    "SquareRootKalman",
     "StatePrior",
     "Track",
     "Tracker",

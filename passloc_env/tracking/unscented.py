@@ -58,7 +58,7 @@ class UnscentedTransform:
             dynamics.advance(mean, time)
             dynamics.spread(covariance)
             return
-        points = _points(mean, self._offsets(belief))
+        points = sigma_points(mean, self._offsets(belief))
         moved = dynamics.mean(points, time)
         deviations = transpose(moved[:, 1:] - moved[:, :1])
         shift = self._weight * tree_sum(deviations.copy())
@@ -75,7 +75,7 @@ class UnscentedTransform:
         """
         suite, n = models.suite, len(belief.mean)
         offsets = self._offsets(belief)
-        predicted = suite.measure(Scene(_points(belief.mean, offsets), models.layout, poses))
+        predicted = suite.measure(Scene(sigma_points(belief.mean, offsets), models.layout, poses))
         centre = predicted[:, :1].copy()
         predicted[:, 0] = spaced(measurement, belief.mean.ndim)
         predicted -= centre
@@ -109,7 +109,7 @@ class UnscentedTransform:
         return moment
 
 
-def _points(mean: Array, offsets: Array) -> Array:
+def sigma_points(mean: Array, offsets: Array) -> Array:
     """Sigma points ``(n, 2n + 1, …, N)``, the centre first."""
     n, *middle = mean.shape
     points = np.empty((n, 2 * n + 1, *middle))

@@ -124,3 +124,10 @@ def vector_env(short: Callable[[str], Overrides]) -> Callable[..., LocalisationV
         return LocalisationVectorEnv(num_envs, name, overrides=overrides, autoreset_mode=mode, diagnostics=True)
 
     return build
+
+
+@pytest.fixture(params=["CrossingKalman", "ExtendedKalman", "FilterPyTracker", "SquareRootKalman", "UnscentedKalman"])
+def tracker(request: pytest.FixtureRequest) -> Overrides:
+    """Each tracker that fits any sensors of a planar scenario, as plain data."""
+    motion = {"type": "ConstantVelocity", "acceleration_noise": 0.02}
+    return {"type": request.param, "motion": motion}

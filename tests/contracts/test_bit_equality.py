@@ -50,6 +50,24 @@ def test_vector_is_gymnasiums_sync_vector(name, mode, num_envs, short, vector_en
         assert truncations > 0
 
 
+def test_every_tracker_is_the_same_in_every_batch(tracker, vector_env, actions, rows, assert_same):
+    """Alone, in pairs and in sevens, with missed detections and noise of one's own."""
+    changes = {"tracker": tracker, "sensors.0.detection_probability": 0.6}
+    changes["sensors.0.sigma"] = {"type": "Uniform", "low": 1e-3, "high": 1e-2}
+    whole, *parts = (vector_env(size, "BearingDoppler", "SameStep", **changes) for size in (7, 1, 2))
+    batched, singles = whole.reset(seed=3), [part.reset(seed=3) for part in parts]
+    stream, ends = actions(7, whole.scenario.action_size), 0
+    for _ in range(6):
+        for part, single in zip(parts, singles, strict=True):
+            some = slice(0, part.num_envs)
+            assert_same(rows(batched, some, like=single), single)
+            assert_same(whole.belief.covariance[..., some].copy(), part.belief.covariance.copy())
+        action = next(stream)
+        batched, singles = whole.step(action), [part.step(action[: part.num_envs]) for part in parts]
+        ends += (batched[2] | batched[3]).sum()
+    assert ends >= 7
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_scalar_is_a_row_of_the_vector(name, short, vector_env, actions, assert_same):
     row, seed = 3, 11

@@ -15,7 +15,7 @@ PACKAGES = ("passloc_env", "agents", "training")
 ROOMS = [
     ["arrays", "errors", "lazy", "units", "shadowing"],
     ["angles", "checks", "layout", "linalg", "component", "nuisance"],
-    ["frames", "distributions", "noise", "overrides"],
+    ["frames", "distributions", "noise", "overrides", "triangular"],
     ["fields"],
     ["motion", "randomisation"],
     ["platforms"],

@@ -52,6 +52,21 @@ def test_vector_goes_back(name, mode, vector_env, actions, assert_same):
     assert_same(fly(unborn, later), expected)
 
 
+def test_every_tracker_goes_back(tracker, vector_env, actions, assert_same):
+    """Into the same environment and into one that has never flown."""
+    changes = {"tracker": tracker, "sensors.0.detection_probability": 0.6}
+    env, unborn = (vector_env(3, "BearingDoppler", "SameStep", **changes) for _ in range(2))
+    env.reset(seed=1)
+    stream = actions(3)
+    fly(env, some(stream, 2))
+    state, later = env.get_state(), some(stream, 6)
+    expected, end = fly(env, later), env.get_state()
+    for place in (env, unborn):
+        place.set_state(state)
+        assert_same(fly(place, later), expected)
+        assert_same(place.get_state(), end)
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_scalar_goes_back(name, short, actions, assert_same):
     first, second = (LocalisationEnv(name, overrides=short(name), diagnostics=True) for _ in range(2))

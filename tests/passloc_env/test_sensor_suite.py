@@ -164,3 +164,13 @@ def test_sensors_agree_on_what_they_share(
 def test_scenarios_ask_whether_sensors_agree(refusal: Callable[..., ScenarioError]) -> None:
     changes = {"sensors.1.misalignment_sigma": 0.0}
     assert refusal(lambda: SCENARIOS["DualSatellite"].override(changes)).field == "sensors.1"
+
+
+def test_root_of_the_noise_where_scalars_are_missed() -> None:
+    """Those that are left keep their own variance; bit for bit the root of R where none is missed."""
+    detected = np.array([[True, True, False], [True, False, False], *([[True, True, False]] * 3)])
+    found = SUITE.noise_root(detected)
+    np.testing.assert_array_equal(found[..., :1], SUITE.noise_root())
+    sigmas = np.array([0.1, 10.0, 0.2, 0.3, 7.0])
+    for column, made in enumerate(detected.T):
+        np.testing.assert_allclose(found[..., column], np.diag(np.where(made, sigmas, 1.0)), rtol=1e-14)
