@@ -1,8 +1,8 @@
 """Looking ahead: what a belief will become if the platforms fly this way or that.
 
-The believed emitter moves as the tracker's motion says, the platforms as they do in the simulation, and the covariance
-follows the recursion of the Cramér–Rao bound with every Jacobian taken at the forecast geometry. Candidates lie side by
-side in the batch axis, so that one pass flies them all.
+The believed emitter moves as a linear motion says, the tracker's if that is one, the platforms as they do in the
+simulation, and the covariance follows the recursion of the Cramér–Rao bound with every Jacobian taken at the forecast
+geometry. Candidates lie side by side in the batch axis, so that one pass flies them all.
 """
 
 from __future__ import annotations
@@ -56,15 +56,19 @@ class Situation:
     @classmethod
     def of(cls, belief: Belief, emitter: Array | None = None) -> Situation:
         """The situation of a belief; ``emitter (n, N)`` is where to start from if not at the belief's mean."""
+        layout = belief.motion.layout(belief.layout.dimension).with_nuisance(
+            tuple(nuisance.name for nuisance in nuisances(belief.sensors))
+        )
+        rows = [theirs for _, theirs in layout.shared_rows(belief.layout)]
         return cls(
-            emitter=belief.mean if emitter is None else emitter,
-            covariance=belief.covariance,
+            emitter=(belief.mean if emitter is None else emitter)[rows],
+            covariance=belief.covariance[np.ix_(rows, rows)],
             sighted=belief.mean[belief.layout.position],
             states=tuple(p.state_at(pose) for p, pose in zip(belief.platforms, belief.poses, strict=True)),
             platforms=belief.platforms,
             sensors=belief.sensors,
             motion=belief.motion,
-            layout=belief.layout,
+            layout=layout,
             own_ship=belief.own_ship,
             period=belief.period,
             every=round(belief.interval / belief.period),

@@ -105,8 +105,6 @@ def knowing(planner: Callable[..., Planner]) -> Callable[..., WithTruth]:
 def _check(scenario: Scenario) -> None:
     if not scenario.action_size:
         raise ValueError(f"{scenario.name} has nothing that can be steered")
-    if not scenario.tracker.motion.linear:
-        raise ValueError(f"planners need a linear motion in the tracker, not {type(scenario.tracker.motion).__name__}")
     for platform in scenario.platforms:
         if type(platform).state_at is Platform.state_at:
             raise ValueError(f"planners cannot tell the state of a {type(platform).__name__} from its pose")

@@ -37,7 +37,7 @@ class Belief:
         poses: reported pose of every platform.
         platforms: their configurations, with this episode's numbers.
         sensors: what they hear, likewise.
-        motion: how the tracker believes the emitter to move, likewise.
+        motion: a linear motion to forecast by, likewise: the tracker's, or the bound's where that is none.
         own_ship: index of the platform that the line of sight is drawn from.
         min_range: the keep-out radius, m.
         last_action: the action in force ``(a, N)``.

@@ -140,6 +140,11 @@ class Scenario(Component):
         return moving or (self.own_ship,)
 
     @property
+    def forecast_motion(self) -> Motion:
+        """A linear motion to forecast the emitter by: the tracker's, or the bound's where that is not linear."""
+        return self.tracker.motion if self.tracker.motion.linear else self.bound.motion
+
+    @property
     def action_size(self) -> int:
         """Number of action components of all platforms together."""
         return sum(platform.controls for platform in self.platforms)

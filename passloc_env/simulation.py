@@ -212,7 +212,7 @@ class Simulation:
             poses=self.reported_poses(self.poses()),
             platforms=self.realised.platforms,
             sensors=self.realised.sensors,
-            motion=self.realised.tracker.motion,
+            motion=self.realised.forecast_motion,
             own_ship=self.scenario.own_ship,
             min_range=episode.min_range,
             last_action=self.action,

@@ -13,6 +13,7 @@ from passloc_env import SCENARIOS, ActionError, LocalisationVectorEnv
 from passloc_env.belief import Belief
 from passloc_env.distributions import Uniform
 from passloc_env.layout import StateLayout
+from passloc_env.motion import ConstantVelocity
 from passloc_env.platforms import CircularOrbit, FixedStation, PlanarPose, Pose, TurnLimitedPlatform
 from passloc_env.randomisation import take
 from passloc_env.sensors import Bearing
@@ -256,6 +257,9 @@ def imagined(environments, seed=0):
         time=np.zeros(environments),
         time_left=np.full(environments, 240.0),
         interval=4.0,
+        period=1.0,
+        sensors=(Bearing(sigma=0.01),),
+        motion=ConstantVelocity(),
         mean=mean,
         covariance=np.einsum("ikN,jkN->ijN", root, root),
         layout=StateLayout(),

@@ -1,0 +1,94 @@
+"""The result of a search: paths, what they are worth, and a file to keep them in."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.errors import InputError
+from passloc_env.scenario import Scenario
+from training.optimum.replay import Replay
+
+_ARRAYS = ("seeds", "headings", "paths", "values", "legal", "chosen")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a search was made; see :func:`training.optimum.optimise`."""
+
+    objective: str
+    restarts: int
+    iterations: int
+    polish: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The best path found for each episode, with the true future known: how much room is left for policies.
+
+    A heuristic optimum: the bound has many local minima, and more restarts find better ones.
+
+    Attributes:
+        scenario: the problem.
+        settings: how the search was made.
+        seeds: of the episodes ``(N,)``.
+        headings: heading set-point of each decision ``(N, decisions)``, rad, not wrapped.
+        paths: observer position after each sensor step ``(2, steps, N)``, m.
+        values: what each restart came to, log range bound or metres ``(N, restarts)``.
+        legal: whether it stays outside min_range ``(N, restarts)``.
+        chosen: the best legal restart, or the best where none is legal ``(N,)``.
+    """
+
+    scenario: Scenario
+    settings: Settings
+    seeds: IntArray
+    headings: Array
+    paths: Array
+    values: Array
+    legal: BoolArray
+    chosen: IntArray
+
+    @property
+    def value(self) -> Array:
+        """The objective of the chosen paths ``(N,)``."""
+        best: Array = np.take_along_axis(self.values, self.chosen[:, None], axis=1)[:, 0]
+        return best
+
+    @property
+    def violated(self) -> BoolArray:
+        """Where no legal path was found ``(N,)``."""
+        return np.logical_not(np.logical_or.reduce(self.legal, axis=1))
+
+    def policy(self) -> Replay:
+        """A policy that flies the chosen paths in exactly these episodes."""
+        return Replay(self.scenario, self.seeds.tolist(), self.headings)
+
+    def save(self, path: Path) -> None:
+        """Write everything to an ``.npz`` file without pickles; the file appears whole or not at all."""
+        about = json.dumps({"scenario": self.scenario.to_dict(), "settings": vars(self.settings)})
+        partial = path.with_name(path.name + ".partial")
+        with partial.open("wb") as file:
+            np.savez_compressed(file, about=np.array(about), **{name: getattr(self, name) for name in _ARRAYS})
+        partial.replace(path)
+
+    @classmethod
+    def load(cls, path: Path) -> Optimum:
+        """Read what :meth:`save` wrote; nothing is unpickled.
+
+        Raises:
+            InputError: a file that is not one of these.
+            OSError: a file that cannot be read.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                about = json.loads(str(file["about"]))
+                arrays = {name: file[name] for name in _ARRAYS}
+            return cls(Scenario.from_dict(about["scenario"]), Settings(**about["settings"]), **arrays)
+        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+            raise InputError(f"{path} is not a file of trajectory optima") from None
