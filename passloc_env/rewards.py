@@ -18,7 +18,7 @@ from passloc_env.information import Information, sigma_along
 from passloc_env.layout import StateLayout
 from passloc_env.lazy import lazy
 from passloc_env.linalg import cholesky, inner, log_determinant
-from passloc_env.metrics import log_range_bound, nees, relative_range_error
+from passloc_env.metrics import log_range_bound, nees, relative_range_error, root_trace
 from passloc_env.sightline import Scene, distance
 
 
@@ -33,6 +33,7 @@ class Outcome:
         information: the bound.
         action: the action in force ``(a, N)``.
         min_range: the keep-out radius, m.
+        last: whether this was the episode's last measurement ``(N,)``.
     """
 
     def __init__(
@@ -46,11 +47,12 @@ class Outcome:
         information: Information,
         action: Array,
         min_range: float,
+        last: BoolArray,
     ) -> None:
         self.scene, self.pose = scene, scene.poses[own_ship]
         self._sightline, self._commanded = scene.sightline(own_ship), commanded
         self.mean, self.covariance, self.layout = mean, covariance, layout
-        self.information, self.action, self.min_range = information, action, min_range
+        self.information, self.action, self.min_range, self.last = information, action, min_range, last
 
     @property
     def range(self) -> Array:
@@ -122,6 +124,21 @@ class RangeBound(RewardTerm):
     def score(self, outcome: Outcome) -> Array:
         """Minus the log range bound."""
         return -outcome.log_range_bound
+
+
+@dataclass(frozen=True, kw_only=True)
+class FinalBound(RewardTerm):
+    """``−ln(√tr C_p / scale)`` at the last measurement, nothing before: for problems that are scored at their end."""
+
+    name = "final_bound"
+    weight: float = quantity("weight", 1.0)
+    scale: float = quantity("bound on the position that counts as one", unit="m", above=0)
+
+    def score(self, outcome: Outcome) -> Array:
+        """Minus the logarithm of the Cramér–Rao bound on the position, at the end."""
+        information = outcome.information
+        bound = root_trace(information.bound, information.dynamics.layout.position)
+        return np.where(outcome.last, -np.log(bound / self.scale), 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -179,6 +179,7 @@ class Simulation:
             information=self.information,
             action=self.action,
             min_range=self.scenario.episode.min_range,
+            last=self.truncated,
         )
 
     @property

@@ -85,7 +85,7 @@ def run(scenario: Scenario, parameters: Hyperparameters, folder: Path, seed: int
 def learning_env(scenario: Scenario, parameters: Hyperparameters, seed: int) -> VecEnv:
     """The environments as the learner meets them: shielded, mirrored, rewards scaled."""
     env: VecEnv = make_vec_env(scenario, parameters.environments, seed=seed, bootstrap_time_limit=False)
-    if parameters.shield_sigmas:
+    if parameters.shielded_training:
         env = Guarded(env, Shield(parameters.shield_sigmas))
     if parameters.mirror:
         env = Mirrored(env, MirrorSymmetry(scenario))

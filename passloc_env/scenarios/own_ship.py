@@ -16,7 +16,7 @@ from passloc_env.platforms import TurnLimitedPlatform
 from passloc_env.scenario import Bound, Episode, Scenario
 from passloc_env.sensors import Bearing
 from passloc_env.target import CartesianStart, Target
-from passloc_env.tracking import CoursePrior, UnscentedKalman
+from passloc_env.tracking import CoursePrior, RangeBank
 from passloc_env.units import DEGREE, KILOMETRE, KNOT, MINUTE
 
 _NEARLY_STRAIGHT = ConstantVelocity(acceleration_density=9e-12 * KILOMETRE**2)
@@ -47,7 +47,7 @@ def _own_ship(
             min_range=0.6 * KILOMETRE,
             min_speed=0.6 * KNOT,
         ),
-        tracker=UnscentedKalman(motion=_NEARLY_STRAIGHT),
+        tracker=RangeBank(motion=_NEARLY_STRAIGHT),
         bound=Bound(motion=_NEARLY_STRAIGHT),
         observation=BeliefFeatures(range_scale=5 * KILOMETRE, speed_scale=5 * KNOT),
         episode=Episode(steps=steps, period=MINUTE, decision_every=1, min_range=min_range),

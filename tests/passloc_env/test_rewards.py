@@ -12,7 +12,17 @@ from passloc_env.information import Information
 from passloc_env.layout import StateLayout
 from passloc_env.motion import ConstantAcceleration, ConstantVelocity
 from passloc_env.platforms import FixedStation, PlanarPose, Pose, TurnLimitedPlatform
-from passloc_env.rewards import ControlEffort, GramGain, KeepOut, Outcome, PositionError, RangeBound, TrackingError
+from passloc_env.rewards import (
+    ControlEffort,
+    FilterCertainty,
+    FinalBound,
+    GramGain,
+    KeepOut,
+    Outcome,
+    PositionError,
+    RangeBound,
+    TrackingError,
+)
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.sightline import Scene
@@ -42,7 +52,7 @@ def outcome(distance: float = 5e3, bearing: float = 2.0, turn_rate: float = 0.0,
         "action": np.zeros((1, 1)),
         "min_range": MIN_RANGE,
     }
-    return Outcome(**{"commanded": (0,), **values, **changes})
+    return Outcome(**{"commanded": (0,), "last": np.zeros(1, bool), **values, **changes})
 
 
 def test_range_bound_is_seen_along_the_true_line_of_sight() -> None:
@@ -188,3 +198,31 @@ def test_no_reward_terms_earn_nothing(begin: Callable[..., Simulation]) -> None:
     simulation.step(np.zeros((1, 2)))
     np.testing.assert_array_equal(simulation.reward, 0.0)
     assert simulation.reward_terms == {}
+
+
+def test_the_final_bound_counts_once() -> None:
+    """Minus the logarithm of √(400 + 900) m over the scale, at the last measurement alone."""
+    term = FinalBound(scale=100.0)
+    np.testing.assert_array_equal(term.score(outcome()), [0.0])
+    ended = term.score(outcome(last=np.ones(1, bool)))
+    np.testing.assert_allclose(ended, -math.log(math.sqrt(1300.0) / 100.0), rtol=1e-14)
+
+
+def test_certainty_is_the_beliefs_own() -> None:
+    """Deviations of 100 m and 200 m, whatever the truth: their geometric mean over the believed range."""
+    seen = outcome()
+    believed = math.hypot(*(seen.mean[:2, 0] - OWN[:, 0]))
+    expected = math.log(believed / math.sqrt(100.0 * 200.0))
+    np.testing.assert_allclose(FilterCertainty().score(seen), expected, rtol=1e-14)
+
+
+def test_an_episode_ends_with_its_final_bound(begin: Callable[..., Simulation]) -> None:
+    """In the simulation: zero until the last decision, then that of the last of its sensor steps, averaged over them."""
+    scenario = Scenario(reward=(FinalBound(scale=1e3),)).override({"episode.steps": 12, "episode.decision_every": 4})
+    simulation = begin(scenario, 3)
+    for decision in range(3):
+        simulation.step(np.zeros((1, 3)))
+        if decision < 2:
+            np.testing.assert_array_equal(simulation.reward, 0.0)
+    bound = np.sqrt(np.einsum("iin->n", simulation.information.bound[:2, :2]))
+    np.testing.assert_allclose(simulation.reward, -np.log(bound / 1e3) / 4.0, rtol=1e-12)

@@ -35,6 +35,7 @@ BOTH = Hyperparameters(
     network=(8,),
     mirror=True,
     shield_sigmas=1.0,
+    shielded_training=True,
 )
 N = 16
 SYMMETRY = MirrorSymmetry(SCENARIO)
@@ -158,8 +159,9 @@ def innermost(env):
     [
         ({}, [ScaledReward]),
         ({"mirror": True}, [ScaledReward, Mirrored]),
-        ({"shield_sigmas": 2.0}, [ScaledReward, Guarded]),
-        ({"mirror": True, "shield_sigmas": 2.0}, [ScaledReward, Mirrored, Guarded]),
+        ({"shield_sigmas": 2.0}, [ScaledReward]),
+        ({"shield_sigmas": 2.0, "shielded_training": True}, [ScaledReward, Guarded]),
+        ({"mirror": True, "shield_sigmas": 2.0, "shielded_training": True}, [ScaledReward, Mirrored, Guarded]),
     ],
 )
 def test_the_learner_meets_what_the_hyperparameters_say(changes, expected):

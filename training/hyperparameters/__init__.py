@@ -47,6 +47,7 @@ _ACCEPTS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "network": ("a list of layer widths", lambda value: isinstance(value, tuple) and all(map(_whole, value))),
     "mirror": ("true or false", lambda value: isinstance(value, bool)),
     "shield_sigmas": ("a finite number of at least 0", lambda value: _finite(value) and value >= 0),
+    "shielded_training": ("true or false", lambda value: isinstance(value, bool)),
     "overrides": ("a mapping from dotted names to values", lambda value: isinstance(value, dict)),
 }
 """What each hyperparameter accepts, in words and as a test."""
@@ -83,7 +84,9 @@ class Hyperparameters:
     mirror: bool = False
     """Whether the agent learns one side of the line of sight only, and flies the other by symmetry."""
     shield_sigmas: float = 0.0
-    """Deviations by which a shield keeps the minimum range, in training and in flight; 0 for no shield."""
+    """Deviations by which a shield keeps the minimum range in flight; 0 for no shield."""
+    shielded_training: bool = False
+    """Whether the shield is there in training already; it costs as much time as the rest of the training."""
     overrides: dict[str, Any] = field(default_factory=dict)
     """Scenario fields changed for training alone, by dotted name."""
 
