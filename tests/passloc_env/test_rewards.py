@@ -217,7 +217,7 @@ def test_certainty_is_the_beliefs_own() -> None:
 
 
 def test_an_episode_ends_with_its_final_bound(begin: Callable[..., Simulation]) -> None:
-    """In the simulation: zero until the last decision, then that of the last of its sensor steps, averaged over them."""
+    """In the simulation: zero until the last decision, then that of its last sensor step, averaged over the steps."""
     scenario = Scenario(reward=(FinalBound(scale=1e3),)).override({"episode.steps": 12, "episode.decision_every": 4})
     simulation = begin(scenario, 3)
     for decision in range(3):
