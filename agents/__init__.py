@@ -1,7 +1,7 @@
 """passloc agents: who decides how the observer moves."""
 
 from agents.agent_file import AgentFile, AgentFileError
-from agents.catalogue import PLANNER_NAMES, RULE_NAMES, PolicyError, default_policies, find_policy
+from agents.catalogue import PLANNER_NAMES, RULE_NAMES, PolicyError, default_policies, find_policy, rules_for
 from agents.learned import LearnedPolicy
 from agents.planners import Greedy, Horizon, WithTruth
 from agents.policy import Policy, TruthKnowing
@@ -29,4 +29,5 @@ __all__ = [
     "Zigzag",
     "default_policies",
     "find_policy",
+    "rules_for",
 ]

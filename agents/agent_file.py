@@ -62,6 +62,8 @@ class AgentFile:
             AgentFileError: missing, unreadable or inconsistent files, weights that are not finite.
         """
         folder = path if path.is_dir() else path.parent
+        if path.is_dir() and not (path / CARD).exists():
+            raise AgentFileError(f"{path} is not a run folder: it holds no {CARD}")
         card = _read_card(folder / CARD)
         agent = cls(_read_weights(folder / WEIGHTS), card)
         agent._check(folder)

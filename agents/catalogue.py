@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ _RULES: dict[str, Callable[..., Policy]] = {
     "fly-at": lambda scenario: rules.FlyAt(),
     "yaw": lambda scenario: rules.BodyRate(),
     "roll": lambda scenario: rules.BodyRate(name="roll", rates=(1.0, 0.0, 0.0)),
-    "legs": lambda scenario: rules.Legs(legs=_published_legs(scenario)),
+    "legs": lambda scenario: rules.Legs(legs=rules.PUBLISHED_LEGS[scenario.name]),
 }
 
 _PLANNERS: dict[str, Callable[..., Policy]] = {
@@ -41,7 +42,10 @@ _WORDS = ("objective", "over")
 """Parameters whose values are words; all others are numbers."""
 
 RULE_NAMES = tuple(_RULES)
-"""All rules; ``legs`` exists where legs were published."""
+"""All rules; :func:`rules_for` says which of them a scenario can follow."""
+
+_HEADINGS = ("straight", "circle", "zigzag", "perpendicular", "fly-at")
+_BODY_RATES = ("yaw", "roll")
 
 PLANNER_NAMES = tuple(_PLANNERS)
 """All planners; those that are told the truth say so."""
@@ -60,36 +64,59 @@ def find_policy(text: str, scenario: Scenario) -> Policy:
         scenario: the problem it is to be flown on.
 
     Raises:
-        PolicyError: no such rule, planner or agent (with the closest name), or one that does not fit the scenario.
+        PolicyError: no such rule, planner or agent (with the closest name), a rule that nothing in the scenario can
+            follow, an impossible parameter, or an agent that does not fit the scenario.
     """
     name, *settings = text.split(":")
     if name not in _POLICIES:
         if text and is_agent(Path(text)):
             return LearnedPolicy.load(Path(text), scenario)
-        raise PolicyError(
-            str(unknown_name("policy", text, _POLICIES, "rule, planner, run folder or agent file", name=name))
-        )
+        known = "rule, planner, run folder or agent file"
+        raise PolicyError(str(unknown_name("policy", text, _POLICIES, known, name=name)))
+    objection = _objection(name, scenario)
+    if objection:
+        known = ", ".join(rules_for(scenario))
+        raise PolicyError(f"policy = {text!r} is not possible: {objection}; known: {known}")
+    given = dict(_setting(item, text) for item in settings)
+    taken = _parameters(name)
+    if not given.keys() <= set(taken):
+        known = ", ".join(taken) or "none"
+        raise PolicyError(f"policy = {text!r} is not possible: {name} takes no such parameter; known: {known}")
     try:
-        return _POLICIES[name](scenario, **dict(_setting(item, text) for item in settings))
-    except TypeError:
-        raise PolicyError(f"policy = {text!r} is not possible: {name} takes no such parameter") from None
+        return _POLICIES[name](scenario, **given)
     except ValueError as error:
         raise PolicyError(f"policy = {text!r} is not possible: {error}") from None
 
 
 def default_policies(scenario: Scenario) -> tuple[str, ...]:
     """The rules that every table of a scenario carries: those that something in it can follow."""
-    zigzags = ("zigzag:angle=60", "zigzag:angle=30")
-    names = ["stationary"]
-    if any(isinstance(platform, TurnLimitedPlatform) for platform in scenario.platforms):
-        names += ["straight", "random", "circle", *zigzags, "perpendicular", "fly-at"]
-    elif scenario.action_size:
-        names += ["random"]
-    if any(platform.steers_body for platform in scenario.platforms):
-        names += ["yaw", "roll"]
-    if scenario.name in rules.PUBLISHED_LEGS:
-        names += ["legs"]
-    return tuple(names)
+    variants = {"zigzag": ("zigzag:angle=60", "zigzag:angle=30")}
+    return tuple(text for name in rules_for(scenario) for text in variants.get(name, (name,)))
+
+
+def rules_for(scenario: Scenario) -> tuple[str, ...]:
+    """The rules that something in a scenario can follow."""
+    return tuple(name for name in RULE_NAMES if not _objection(name, scenario))
+
+
+def _objection(name: str, scenario: Scenario) -> str:
+    """Why nothing in a scenario can follow a rule; empty when something can."""
+    if name == "random" and not scenario.action_size:
+        return f"nothing in {scenario.name} can be commanded"
+    if name in _HEADINGS and not any(isinstance(platform, TurnLimitedPlatform) for platform in scenario.platforms):
+        return f"no platform of {scenario.name} chooses a heading"
+    if name in _BODY_RATES and not any(platform.steers_body for platform in scenario.platforms):
+        return f"no platform of {scenario.name} turns its body"
+    if name == "legs" and scenario.name not in rules.PUBLISHED_LEGS:
+        return f"no legs were published for {scenario.name}, only for {', '.join(rules.PUBLISHED_LEGS)}"
+    return ""
+
+
+def _parameters(name: str) -> list[str]:
+    """What a rule or planner can be told."""
+    _, *taken = inspect.signature(_POLICIES[name]).parameters
+    searching = "parameters" in taken
+    return [*(parameter for parameter in taken if parameter != "parameters"), *(planning.SEARCHING * searching)]
 
 
 def _setting(item: str, text: str) -> tuple[str, Any]:
@@ -100,12 +127,3 @@ def _setting(item: str, text: str) -> tuple[str, Any]:
         return key, float(value)
     except ValueError:
         raise PolicyError(f"policy = {text!r} is not possible: {item!r} must be name=number") from None
-
-
-def _published_legs(scenario: Scenario) -> tuple[tuple[float, float], ...]:
-    if scenario.name not in rules.PUBLISHED_LEGS:
-        known = ", ".join(rules.PUBLISHED_LEGS)
-        raise PolicyError(
-            f"policy = 'legs' is not possible: no legs were published for {scenario.name}; known: {known}"
-        )
-    return rules.PUBLISHED_LEGS[scenario.name]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -93,9 +94,14 @@ def _searching(
     )
 
 
+SEARCHING = ("objective", "over", "margin", "caution", "legs", "generations")
+"""What every search can be told."""
+
+
 def knowing(planner: Callable[..., Planner]) -> Callable[..., WithTruth]:
     """The same planner with the true state."""
 
+    @functools.wraps(planner)
     def build(scenario: Scenario, **parameters: Any) -> WithTruth:
         return WithTruth(planner(scenario, **parameters))
 

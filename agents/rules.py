@@ -214,10 +214,10 @@ def zigzag(scenario: Scenario, angle: float = 60.0, leg: float | None = None) ->
     """A zigzag whose legs are, unless told otherwise, a sixth of the episode in whole decisions.
 
     Raises:
-        ValueError: an angle that is not finite, or a leg that is not a positive time.
+        ValueError: an angle beyond half a turn, or a leg that is not a positive time.
     """
-    if not math.isfinite(angle):
-        raise ValueError("angle must be a finite number of degrees")
+    if not -180.0 <= angle <= 180.0:
+        raise ValueError("angle must be from -180 to 180 degrees")
     if leg is not None and not 0.0 < leg < math.inf:
         raise ValueError("leg must be a finite number of seconds above 0")
     episode = scenario.episode

@@ -57,12 +57,21 @@ def specs(kind: type[Component]) -> Mapping[str, Spec]:
 _SPECS: dict[type[Component], Mapping[str, Spec]] = {}
 
 
-def from_dict(data: Mapping[str, Any], default: type[Component] | None = None) -> Component:
+def concrete(kind: type[Component]) -> dict[str, type[Component]]:
+    """The classes of a kind that can be built, by name."""
+    known = Component.registry.items()
+    return {name: found for name, found in known if issubclass(found, kind) and dataclasses.is_dataclass(found)}
+
+
+def from_dict(
+    data: Mapping[str, Any], default: type[Component] | None = None, kind: type[Component] = Component
+) -> Component:
     """Build a component from plain data.
 
     Args:
         data: the fields by name; ``type`` names the class.
         default: the class when ``type`` is absent.
+        kind: what is wanted, for the list of types when ``type`` names none.
 
     Raises:
         ScenarioError: unknown type or field (with the closest valid one), missing field, impossible value.
@@ -72,20 +81,19 @@ def from_dict(data: Mapping[str, Any], default: type[Component] | None = None) -
     fields = dict(data)
     name = fields.pop("type", None)
     if name is None and default is not None:
-        kind = default
+        built = default
     elif isinstance(name, str) and name in Component.registry and dataclasses.is_dataclass(Component.registry[name]):
-        kind = Component.registry[name]
+        built = Component.registry[name]
     else:
-        concrete = [known for known, kind in Component.registry.items() if dataclasses.is_dataclass(kind)]
-        raise unknown_name("type", name, concrete, "component type")
-    known = specs(kind)
+        raise unknown_name("type", name, concrete(kind), "component type")
+    known = specs(built)
     for key in fields:
         if key not in known:
-            raise unknown_name(str(key), fields[key], known, f"field of {kind.__name__}", name=key)
-    required = {f.name for f in dataclasses.fields(kind) if is_required(f)}  # type: ignore[arg-type]
+            raise unknown_name(str(key), fields[key], known, f"field of {built.__name__}", name=key)
+    required = {f.name for f in dataclasses.fields(built) if is_required(f)}  # type: ignore[arg-type]
     for key in sorted(required - set(fields)):
-        raise ScenarioError(key, None, f"{kind.__name__} needs it: {known[key].doc}")
-    return kind(**fields)
+        raise ScenarioError(key, None, f"{built.__name__} needs it: {known[key].doc}")
+    return built(**fields)
 
 
 def is_required(field: dataclasses.Field[Any]) -> bool:

@@ -173,7 +173,7 @@ class Parts(Spec):
 def decode(name: str, data: Mapping[str, Any], kind: type[Component]) -> Component:
     """Build the component of field ``name`` from plain data and see that it is of the wanted kind."""
     try:
-        component = from_dict(data, default=None if kind in _ABSTRACT else kind)
+        component = from_dict(data, default=None if kind in _ABSTRACT else kind, kind=kind)
     except ScenarioError as error:
         raise error.inside(name) from None
     if not isinstance(component, kind):

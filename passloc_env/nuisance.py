@@ -17,6 +17,8 @@ class Nuisance:
     """Prior standard deviation; the prior mean is zero."""
     walk: Number = 0.0
     """Random-walk standard deviation per step."""
+    unit: str = ""
+    """As it is written behind a number; empty for none."""
 
 
 def distinct(nuisances: Iterable[Nuisance]) -> tuple[Nuisance, ...]:

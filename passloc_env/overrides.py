@@ -69,5 +69,8 @@ def _index(items: list[Any], key: str, path: str) -> int:
     names = [type(item).__name__ for item in items]
     if names.count(key) == 1:
         return names.index(key)
+    if key in names:
+        numbers = ", ".join(str(i) for i, name in enumerate(names) if name == key)
+        raise ScenarioError(path + key, key, f"there are several {key}; name one by number: {numbers}")
     valid = [str(i) for i in range(len(items))] + [n for n in names if names.count(n) == 1 and n != "float"]
     raise unknown_name(path + key, key, valid, "list item")

@@ -17,7 +17,7 @@ from typing import Any, cast
 import yaml
 
 from passloc_env.belief import BeliefFeatures
-from passloc_env.component import Component, from_dict, to_dict
+from passloc_env.component import Component, concrete, from_dict, to_dict
 from passloc_env.distributions import Uniform, extremes
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import count, flag, part, parts, quantity, text
@@ -29,6 +29,7 @@ from passloc_env.sensor_suite import check_nuisances
 from passloc_env.sensors import Bearing, Sensor
 from passloc_env.target import CartesianStart, PolarStart, Target
 from passloc_env.tracking import Prior, RangePrior, Tracker, UnscentedKalman
+from passloc_env.tracking.initialisation import BearingPrior
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,8 +170,9 @@ class Scenario(Component):
         for index, sensor in enumerate(self.sensors):
             for platform in sensor.platforms:
                 if platform > last:
+                    names = [name for name in sensor.platform_fields if getattr(sensor, name) == platform]
                     allowed = f"there is no such platform; known: 0 … {last}"
-                    raise ScenarioError(f"sensors.{index}.platform", platform, allowed)
+                    raise ScenarioError(f"sensors.{index}.{(*names, 'platform')[0]}", platform, allowed)
             if len(sensor.lever_arm) not in (0, self.dimension):
                 allowed = f"must be empty or have {self.dimension} axes"
                 raise ScenarioError(f"sensors.{index}.lever_arm", sensor.lever_arm, allowed)
@@ -179,9 +181,17 @@ class Scenario(Component):
             except ScenarioError as error:
                 raise error.inside(f"sensors.{index}") from None
         check_nuisances(self.sensors)
+        self._check_prior()
+
+    def _check_prior(self) -> None:
         try:
             self.prior.check(self.sensors, self.platforms, self.dimension)
         except ScenarioError as error:
+            if error.field == "sensor":
+                free = [name for name, kind in concrete(Prior).items() if not issubclass(kind, BearingPrior)]
+                error = ScenarioError(
+                    "sensor", error.value, f"{error.allowed}; priors that need no bearing: {', '.join(free)}"
+                )
             raise error.inside("prior") from None
 
     def _check_models(self) -> None:
@@ -235,7 +245,7 @@ class Scenario(Component):
     @classmethod
     def from_json(cls, text: str) -> Scenario:
         """Build from JSON text."""
-        return cls._from_text(text, "JSON", lambda: json.loads(text))
+        return cls._from_text(text, "JSON", text[:40])
 
     def to_yaml(self) -> str:
         """YAML text from which :meth:`from_yaml` builds an equal scenario."""
@@ -244,23 +254,24 @@ class Scenario(Component):
     @classmethod
     def from_yaml(cls, text: str) -> Scenario:
         """Build from YAML text (read with the safe loader)."""
-        return cls._from_text(text, "YAML", lambda: yaml.safe_load(text))
+        return cls._from_text(text, "YAML", text[:40])
 
     @classmethod
     def from_file(cls, path: str | Path) -> Scenario:
         """Build from a ``.json``, ``.yaml`` or ``.yml`` file; OSError when it cannot be read."""
         content = Path(path).read_text(encoding="utf-8")
-        return cls.from_json(content) if Path(path).suffix == ".json" else cls.from_yaml(content)
+        return cls._from_text(content, "JSON" if Path(path).suffix == ".json" else "YAML", str(path))
 
     @classmethod
-    def _from_text(cls, text: str, language: str, parse: Any) -> Scenario:
+    def _from_text(cls, text: str, language: str, source: str) -> Scenario:
+        """Build from text; ``source`` is what a message calls it."""
         try:
-            data = parse()
+            data = json.loads(text) if language == "JSON" else yaml.safe_load(text)
         except (ValueError, yaml.YAMLError) as error:
             reason = " ".join(str(error).split())
-            raise ScenarioError("scenario", text[:40], f"is not readable {language}: {reason}") from None
+            raise ScenarioError("scenario", source, f"is not readable {language}: {reason}") from None
         if not isinstance(data, Mapping):
-            raise ScenarioError("scenario", text[:40], f"must be a {language} mapping of fields")
+            raise ScenarioError("scenario", source, f"must be a {language} mapping of fields")
         return cls.from_dict(data)
 
     def replace(self, **fields: Any) -> Scenario:

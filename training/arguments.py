@@ -1,7 +1,8 @@
-"""Reading what users type: scenarios and overrides."""
+"""Reading what users type: scenarios and overrides, and the places where they want results."""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -68,16 +69,34 @@ def picture_path(path: Path) -> Path:
 
 
 def free_path(path: Path) -> Path:
-    """The path of a file to write, checked to lie in a folder that exists.
+    """The path of a file to write, in a folder that is made if need be and that can be written into.
 
     Raises:
-        FileNotFoundError: no such folder.
         IsADirectoryError: the path is a folder itself.
+        OSError: as :func:`writable_folder`.
     """
-    if not path.resolve().parent.is_dir():
-        raise FileNotFoundError(f"{path.parent} is not a folder")
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder: name a file")
+    writable_folder(path.parent)
+    return path
+
+
+def writable_folder(path: Path) -> Path:
+    """A folder to write into, made with its parents if need be; a file was written there and taken away again.
+
+    Whatever takes long asks for its folder first: a result that cannot be saved is a result lost.
+
+    Raises:
+        NotADirectoryError: a file stands in the way.
+        OSError: the folder cannot be made or written into.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path).close()
+    except (FileExistsError, NotADirectoryError):
+        raise NotADirectoryError(f"{path} is not a folder") from None
+    except OSError as error:
+        raise type(error)(f"{path} cannot be written into: {error.strerror}") from None
     return path
 
 
@@ -86,17 +105,18 @@ def new_folder(wanted: Path | None, name: str) -> Path:
 
     Raises:
         FileExistsError: the wanted folder is not empty, or is a file.
+        OSError: as :func:`writable_folder`.
     """
     if wanted is not None:
         if wanted.exists() and (not wanted.is_dir() or any(wanted.iterdir())):
             raise FileExistsError(f"{wanted} is not an empty folder: name another one with --out")
-        wanted.mkdir(parents=True, exist_ok=True)
-        return wanted
+        return writable_folder(wanted)
+    writable_folder(Path("runs"))
     number = 0
     while True:
         folder = Path("runs") / (name if number == 0 else f"{name}.{number}")
         try:
-            folder.mkdir(parents=True)
+            folder.mkdir()
         except FileExistsError:
             number += 1
         else:

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import tyro
 
 from passloc_env.errors import InputError
-from passloc_env.scenarios import SCENARIOS, environment_id
 from training.arguments import free_path, parse_overrides, read_scenario
 from training.commands import Bench, Demo, Evaluate, List, Observe, Reproduce, Train
 
@@ -44,18 +43,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _list(arguments: List) -> None:
-    from agents import PLANNER_NAMES, RULE_NAMES
     from training.progress import console
+    from training.scenario_list import print_scenarios
+    from training.scenario_pages import write_pages
 
-    for name, scenario in SCENARIOS.items():
-        sensors = ", ".join(type(sensor).__name__ for sensor in scenario.sensors)
-        pace = f"{scenario.episode.duration:5.0f} s, decides every {scenario.episode.interval:g} s"
-        console.print(f"{environment_id(name):39s} {sensors:16s} {pace}", highlight=False, soft_wrap=True)
-    console.print(f"rules: {', '.join(RULE_NAMES)}", highlight=False)
-    console.print(f"planners: {', '.join(PLANNER_NAMES)}", highlight=False)
+    print_scenarios(console)
     if arguments.pages is not None:
-        from training.scenario_pages import write_pages
-
         write_pages(arguments.pages)
 
 

@@ -91,7 +91,7 @@ class Observe:
     seed: int = EVALUATION_SEED
     """Seed of the episode."""
     out: Path | None = None
-    """The picture; by default runs/observe/SCENARIO-POLICY.png."""
+    """The picture; by default runs/observe/SCENARIO-POLICY-SEED.png."""
     json: Path | None = None
     """Also write the results here."""
     override: tuple[str, ...] = ()
@@ -102,7 +102,7 @@ class Observe:
 class Reproduce:
     """Reproduce papers claim by claim: simulations, figures, claims.json and a page, each claim with its verdict.
 
-    Papers: bearing-doppler, dual-satellite, radial-acceleration, dual-array, cross-fix.
+    Papers: bearing-doppler (000), dual-satellite (001), radial-acceleration (002), dual-array (003), cross-fix (004).
 
     Examples:
         passloc reproduce cross-fix --out runs/cross-fix
@@ -110,7 +110,7 @@ class Reproduce:
     """
 
     paper: Positional[str] = "all"
-    """Which paper, or all."""
+    """Which paper, by name or number, or all."""
     out: Path = Path("runs/reproduce")
     """Folder for figures, claims.json and the page; what is there of the same papers is replaced."""
     runs: int | None = None

@@ -34,6 +34,8 @@ class Verdict:
     """Log range bound minus the reference policy's, paired: negative is better."""
     end_error: Estimate
     """Median relative range error at the end."""
+    end_position_error: Estimate
+    """Median position error at the end, m."""
     end_error_percentiles: dict[str, float]
     mean_error: Estimate
     """Median over episodes of the relative range error averaged over time."""
@@ -128,6 +130,7 @@ def _judge(name: str, scores: Scores, reference: Scores, seconds: float, states:
         log_range_bound=bootstrap.estimate(scores.log_range_bound),
         advantage=bootstrap.estimate(scores.log_range_bound - reference.log_range_bound),
         end_error=bootstrap.estimate(scores.end_error, np.median),
+        end_position_error=bootstrap.estimate(scores.end_position_error, np.median),
         end_error_percentiles=dict(zip(("p50", "p95", "p99"), map(float, percentiles), strict=True)),
         mean_error=bootstrap.estimate(scores.mean_error, np.median),
         time_to_10=bootstrap.estimate(scores.time_to_10),

@@ -13,22 +13,30 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
+from matplotlib.patches import Circle as CirclePatch
+from matplotlib.ticker import FixedLocator, Locator, LogLocator, MaxNLocator, NullLocator
 
 from passloc_env.arrays import Array
 from passloc_env.frames import from_geodetic, geodetic
 from passloc_env.platforms import CircularOrbit
 from passloc_env.survey import Survey
-from training.pictures import BOUND, EMITTER, OBSERVER
+from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
 
 _CELLS = 61
 _MARGIN = 1.3
-"""The map reaches this much further than the emitter."""
+"""The map reaches this much further than emitter and observers."""
 
 _DEGREES_AROUND = 10.0
 """Half the width of a map on the globe."""
 
 _FLOOR = 1e-3
 """Values below this share of the map's largest get one colour."""
+
+_FLAT, _FEW = 1.05, 4.0
+"""Maps whose values differ by smaller factors are nearly constant, or too narrow for ticks at 1, 2, 5, 10."""
+
+_PLATFORMS = ((OBSERVER, "-"), ("#CC79A7", "--"), (ESTIMATE, ":"), ("#000000", "-."))
+"""Colour and line of each platform, in turn: two that fly in file are both seen."""
 
 
 class _Map(NamedTuple):
@@ -76,8 +84,10 @@ def _grid(survey: Survey) -> _Map:
         grid = np.meshgrid(np.radians(longitude), np.radians(latitude))
         positions = from_geodetic(grid[1].ravel(), grid[0].ravel(), np.full(_CELLS**2, place.height[0]))
         return _Map(longitude, latitude, positions, ("longitude, °", "latitude, °"), globe=True)
-    own = np.mean([poses[survey.scenario.own_ship].position[:2, 0] for poses in survey.path], axis=0)
-    reach = _MARGIN * float(np.hypot(*(start[:2, 0] - own)))
+    platforms = [np.stack([pose.position[:2, 0] for pose in poses]) for poses in zip(*survey.path, strict=True)]
+    own = platforms[survey.scenario.own_ship].mean(axis=0)
+    seen = np.concatenate([start[:2].T, survey.states[:, :2], *platforms])
+    reach = _MARGIN * float(np.hypot(*(seen - own).T).max())
     east, north = (centre + np.linspace(-reach, reach, _CELLS) for centre in own)
     grid = np.meshgrid(east, north)
     positions = np.repeat(start, _CELLS**2, axis=1)
@@ -87,21 +97,10 @@ def _grid(survey: Survey) -> _Map:
 
 def _draw_map(axes: Axes, survey: Survey) -> None:
     chart = _grid(survey)
-    bound = survey.bound_elsewhere(chart.positions).reshape(_CELLS, _CELLS)
-    lowest = max(float(bound.min()), _FLOOR * float(bound.max()))
-    colours = axes.pcolormesh(
-        chart.across, chart.along, bound, norm=LogNorm(lowest, float(bound.max())), cmap="cividis", shading="nearest"
-    )
-    axes.figure.colorbar(colours, ax=axes, label="bound on the position at the end, m")
+    _draw_bound(axes, survey, chart)
     for index in range(len(survey.scenario.platforms)):
-        flown = chart.project(np.concatenate([poses[index].position for poses in survey.path], axis=1))
-        axes.plot(*flown, color="white", lw=4.0)
-        axes.plot(*flown, color=OBSERVER, lw=2.0, label="observer" if index == 0 else None)
-        axes.plot(*flown[:, :1], "o", color=OBSERVER, mec="white", ms=8)
-    emitter = chart.project(survey.states[:, survey.layout.position].T)
-    axes.plot(*emitter, color="white", lw=4.0)
-    axes.plot(*emitter, color=EMITTER, lw=2.0, label="emitter of this episode")
-    axes.plot(*chart.project(survey.start[survey.layout.position]), "o", color=EMITTER, mec="white", ms=8)
+        _draw_platform(axes, survey, chart, index)
+    _draw_emitter(axes, survey, chart)
     axes.set_title("for an emitter that starts here")
     axes.set_xlabel(chart.labels[0])
     axes.set_ylabel(chart.labels[1])
@@ -112,11 +111,70 @@ def _draw_map(axes: Axes, survey: Survey) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False)
 
 
+def _draw_bound(axes: Axes, survey: Survey, chart: _Map) -> None:
+    """The bound in colours, its bar in kilometres."""
+    bound = survey.bound_elsewhere(chart.positions).reshape(_CELLS, _CELLS) / 1e3
+    high = float(bound.max())
+    low = max(float(bound.min()), _FLOOR * high)
+    label, ticks = "bound on the position at the end, km", _ticks(low, high)
+    if high < _FLAT * low:
+        label, ticks = f"{label}: nearly constant", FixedLocator([high])
+        low, high = low / _FLAT, high * _FLAT
+    colours = axes.pcolormesh(
+        chart.across, chart.along, bound, norm=LogNorm(low, high), cmap="cividis", shading="nearest"
+    )
+    bar = axes.figure.colorbar(colours, ax=axes, label=label, ticks=ticks, format=lambda value, _: f"{value:.4g}")
+    bar.ax.yaxis.set_minor_locator(NullLocator())
+
+
+def _ticks(low: float, high: float) -> Locator:
+    return LogLocator(subs=(1.0, 2.0, 5.0)) if high > _FEW * low else MaxNLocator(5)
+
+
+def _draw_platform(axes: Axes, survey: Survey, chart: _Map, index: int) -> None:
+    """Where a platform went, its number at the start when there are several, and where it listens."""
+    flown = chart.project(np.concatenate([poses[index].position for poses in survey.path], axis=1))
+    colour, line = _PLATFORMS[index % len(_PLATFORMS)]
+    several = len(survey.scenario.platforms) > 1
+    label = f"platform {index}" if several else "observer"
+    inside = (flown[0] - chart.across[0]) * (flown[0] - chart.across[-1]) <= 0.0
+    inside &= (flown[1] - chart.along[0]) * (flown[1] - chart.along[-1]) <= 0.0
+    axes.plot(*flown, color="white", lw=4.0)
+    axes.plot(*flown, line, color=colour, lw=2.0, label=label if inside.any() else f"{label} (outside the map)")
+    axes.plot(*flown[:, :1], "o", color=colour, mec="white", ms=12 if several else 8, zorder=3)
+    if several and inside[0]:
+        axes.text(
+            flown[0, 0], flown[1, 0], f"{index}", color="white", size=8, ha="center", va="center_baseline", zorder=4
+        )
+    mounts = [arm for sensor in survey.simulation.realised.sensors for place, arm in sensor.places if place == index]
+    arms = [tuple(float(np.ravel(axis)[0]) for axis in arm) for arm in mounts if arm]
+    for arm in dict.fromkeys(arms):
+        for poses, name in ((survey.path[0], "lever arm at start and end"), (survey.path[-1], None)):
+            ends = [poses[index].position, poses[index].mounted(arm).position]
+            axes.plot(*chart.project(np.concatenate(ends, axis=1)), "s-", color="white", mec=colour, ms=5, label=name)
+
+
+def _draw_emitter(axes: Axes, survey: Survey, chart: _Map) -> None:
+    """Where the emitter went, and how near one may come to it."""
+    start = survey.start[survey.layout.position]
+    emitter = chart.project(np.concatenate([start, survey.states[:, survey.layout.position].T], axis=1))
+    axes.plot(*emitter, color="white", lw=4.0)
+    axes.plot(*emitter, color=EMITTER, lw=2.0, label="emitter of this episode")
+    axes.plot(*emitter[:, :1], "o", color=EMITTER, mec="white", ms=8, zorder=3)
+    keep_out = survey.scenario.episode.min_range / 1e3
+    if keep_out and not chart.globe:
+        centre = (float(emitter[0, -1]), float(emitter[1, -1]))
+        label = "minimum range at the end"
+        axes.add_patch(CirclePatch(centre, keep_out, fill=False, ls=":", lw=1.5, color=EMITTER, label=label))
+
+
 def _draw_time(axes: Axes, survey: Survey) -> None:
     axes.semilogy(survey.time, survey.position_bound, color=BOUND, lw=2.0, label="bound on the position")
-    axes.semilogy(survey.time, survey.range, color=OBSERVER, lw=1.5, ls="--", label="range")
+    own = survey.scenario.own_ship
+    label = "range" if len(survey.scenario.platforms) == 1 else f"range of platform {own}"
+    axes.semilogy(survey.time, survey.range, color=_PLATFORMS[own % len(_PLATFORMS)][0], lw=1.5, ls="--", label=label)
     axes.set_xlabel("time, s")
-    axes.set_ylabel("m")
+    axes.set_ylabel("range and bound on the position, m")
     axes.set_title("for the emitter of this episode")
     axes.grid(alpha=0.3, which="both")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from rich.table import Table
 
 from agents import find_policy
 from passloc_env.layout import StateLayout
+from passloc_env.linalg import diagonal
+from passloc_env.nuisance import Nuisance
 from passloc_env.survey import Survey
 from training.arguments import check_seed, free_path, parse_overrides, picture_path, read_scenario
 from training.commands import Observe
@@ -19,6 +22,9 @@ from training.progress import console
 
 _INSTANTS = 8
 """Rows of the printed table."""
+
+_MATTERS = 0.05
+"""Parts of a direction below this share of the largest are not printed."""
 
 _BLIND = 1e12
 """A condition above this is rounding: the direction is not seen at all."""
@@ -30,7 +36,7 @@ def observe(arguments: Observe) -> Survey:
     check_seed(arguments.seed)
     policy = find_policy(arguments.policy, scenario)
     results = None if arguments.json is None else free_path(arguments.json)
-    picture = _picture(arguments.out, scenario.name, policy.name)
+    picture = _picture(arguments.out, f"{scenario.name}-{policy.name}-{arguments.seed}")
     survey = Survey(scenario.override(dict(policy.overrides)), policy.act, arguments.seed)
     title = f"{scenario.name}, flown by {policy.name}, seed {arguments.seed}"
     console.print(_report(survey, title))
@@ -42,12 +48,10 @@ def observe(arguments: Observe) -> Survey:
     return survey
 
 
-def _picture(wanted: Path | None, scenario: str, policy: str) -> Path:
+def _picture(wanted: Path | None, name: str) -> Path:
     if wanted is not None:
         return picture_path(wanted)
-    folder = Path("runs") / "observe"
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder / f"{scenario}-{policy.replace(' ', '-').replace('°', '')}.png"
+    return free_path(Path("runs") / "observe" / f"{name.replace(' ', '-').replace('°', '')}.png")
 
 
 def _report(survey: Survey, title: str) -> Table:
@@ -62,32 +66,45 @@ def _report(survey: Survey, title: str) -> Table:
 
 
 def _verdict(survey: Survey) -> str:
-    """Rank, condition and weakest direction."""
+    """How much was heard; rank, condition and weakest direction."""
     report = survey.rank()
     rank, condition = int(report.rank[0]), float(report.condition[0])
     words = "unbounded" if condition > _BLIND else f"{condition:.3g}"
-    return (
+    lines = [
         f"{len(survey.time)} measurements determine {rank} of {survey.layout.size} states; condition {words}, "
-        "the state in units of the prior's deviations\n"
-        f"weakest direction: {_direction(report.weakest[:, 0], survey.layout)}"
-    )
+        "the state in units of the prior's deviations"
+    ]
+    heard = _heard(survey)
+    if heard < len(survey.time):
+        nothing = "" if heard else "; the bound is the prior's"
+        lines.insert(0, f"{heard} of {len(survey.time)} looks heard{nothing}")
+    if heard:
+        scale = np.sqrt(diagonal(survey.prior)[:, 0])
+        direction = _direction(report.weakest[:, 0], scale, survey.layout, survey.simulation.models.bound_nuisances)
+        lines.append(f"weakest direction, one prior deviation (σ) along it: {direction}")
+    return "\n".join(lines)
 
 
-def _direction(vector: np.ndarray, layout: StateLayout) -> str:
-    """A direction in state units, what matters of it."""
-    size = np.abs(vector) / np.abs(vector).max()
-    units = _units(layout)
+def _heard(survey: Survey) -> int:
+    """How many looks measured anything."""
+    return int(survey.rows.any(axis=(1, 2, 3)).sum())
+
+
+def _direction(vector: np.ndarray, scale: np.ndarray, layout: StateLayout, nuisances: Sequence[Nuisance]) -> str:
+    """What matters of a direction in state units, in prior deviations ``scale`` and in state units, largest first."""
+    shares, units = vector / scale, _units(layout, nuisances)
     return ", ".join(
-        f"{name} {value:+.3g} {unit}".rstrip()
-        for name, value, unit, share in zip(layout.names, vector, units, size, strict=True)
-        if share > 0.01
+        f"{layout.names[row]} {shares[row]:+.2f}σ ({f'{vector[row]:.3g} {units[row]}'.strip()})"
+        for row in np.argsort(-np.abs(shares), kind="stable")
+        if abs(shares[row]) > _MATTERS * np.abs(shares).max()
     )
 
 
-def _units(layout: StateLayout) -> list[str]:
-    """The unit of each state; nuisances are named by what they are."""
+def _units(layout: StateLayout, nuisances: Sequence[Nuisance]) -> list[str]:
+    """The unit of each state."""
     kinematic = [unit for unit in ("m", "m/s", "m/s²")[: layout.order + 1] for _ in range(layout.dimension)]
-    return kinematic + [""] * len(layout.nuisance)
+    own = {nuisance.name: nuisance.unit for nuisance in nuisances}
+    return kinematic + [own[name] for name in layout.nuisance]
 
 
 def _data(survey: Survey, policy: str) -> dict[str, Any]:
@@ -97,6 +114,7 @@ def _data(survey: Survey, policy: str) -> dict[str, Any]:
         "scenario": survey.scenario.name,
         "policy": policy,
         "states": list(survey.layout.names),
+        "heard": _heard(survey),
         "rank": int(report.rank[0]),
         "condition": condition if condition < _BLIND else None,
         "weakest_direction": report.weakest[:, 0].tolist(),

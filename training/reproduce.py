@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 
 from passloc_env.errors import InputError
-from training.arguments import check_seed
+from training.arguments import check_seed, writable_folder
 from training.commands import Reproduce
 from training.papers.catalogue import find_papers
-from training.papers.page import collect, save
+from training.papers.page import check_others, collect, save
 from training.papers.reproduction import Reproduction
 from training.progress import console
 
@@ -21,9 +21,8 @@ def reproduce(arguments: Reproduce) -> list[Reproduction]:
     if arguments.runs is not None and arguments.runs < 2:
         raise InputError(f"runs = {arguments.runs} is not possible: must be at least 2")
     check_seed(arguments.seed)
-    if arguments.out.exists() and not arguments.out.is_dir():
-        raise NotADirectoryError(f"{arguments.out} is not a folder: name another one with --out")
-    arguments.out.mkdir(parents=True, exist_ok=True)
+    check_others(arguments.out, papers)
+    writable_folder(arguments.out)
     finished = []
     for number, paper in enumerate(papers, 1):
         console.print(f"{number}/{len(papers)} {paper.name}: {paper.subject}", highlight=False)
@@ -44,6 +43,8 @@ def _print(reproduction: Reproduction, seconds: float) -> None:
         colour = _COLOURS[claim.verdict]
         console.print(f"    [{colour}]{claim.verdict:16s}[/] {claim.claim}: {measured}", highlight=False)
     console.print(f"    {len(reproduction.claims)} claims in {seconds:.0f} s", highlight=False)
+    if reproduction.caution:
+        console.print(f"    {reproduction.caution}", highlight=False)
 
 
 def _command(arguments: Reproduce, paper: str) -> str:

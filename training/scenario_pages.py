@@ -7,6 +7,7 @@ import dataclasses
 import inspect
 import itertools
 import pkgutil
+from collections import Counter
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -40,14 +41,25 @@ def index_page() -> str:
     rows: list[tuple[str, ...]] = [
         (
             f"[`{environment_id(name)}`]({name}.md)",
-            _words(scenario)[1],
-            ", ".join(dict.fromkeys(type(sensor).__name__ for sensor in scenario.sensors)),
+            summary(scenario),
+            sensor_names(scenario),
             f"{scenario.episode.duration:g} s",
             str(scenario.action_size),
         )
         for name, scenario in SCENARIOS.items()
     ]
     return f"# Scenarios\n\n{_table(('id', 'what', 'sensors', 'episode', 'actions'), rows)}"
+
+
+def summary(scenario: Scenario) -> str:
+    """What a scenario is about, in a line."""
+    return _words(scenario)[1]
+
+
+def sensor_names(scenario: Scenario) -> str:
+    """The kinds of sensors, with how many there are of each."""
+    counts = Counter(type(sensor).__name__ for sensor in scenario.sensors)
+    return ", ".join(name if count == 1 else f"{name} ×{count}" for name, count in counts.items())
 
 
 def page(scenario: Scenario) -> str:

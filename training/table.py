@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 
 from rich.box import SIMPLE
 from rich.table import Table
 
+from passloc_env.rewards import PositionError
+from passloc_env.scenario import Scenario
 from training.evaluate import Evaluation, Verdict
 from training.statistics import Estimate
 
-_HEADLINE = "log range bound"
-_WIDE = 110
-_LEADING = 6
-"""Columns that an 80-character terminal has room for."""
+_POLICY, _CONSISTENCY = "policy", "ANEES"
 
 
 def _interval(estimate: Estimate, digits: int, scale: float = 1.0) -> str:
@@ -21,15 +21,21 @@ def _interval(estimate: Estimate, digits: int, scale: float = 1.0) -> str:
     return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 
+def _digits(value: float) -> int:
+    """Decimals that show three digits of a length, at most three."""
+    return min(3, max(0, 2 - math.floor(math.log10(value)))) if 0.0 < value < math.inf else 0
+
+
 COLUMNS: dict[str, Callable[[Verdict], str]] = {
-    "policy": lambda v: v.policy,
-    _HEADLINE: lambda v: _interval(v.log_range_bound, 3),
+    _POLICY: lambda v: v.policy,
+    "log range bound": lambda v: _interval(v.log_range_bound, 3),
     "end error, %": lambda v: _interval(v.end_error, 2, 100.0),
+    "end error, m": lambda v: _interval(v.end_position_error, _digits(v.end_position_error.value)),
     "time to 10 %, s": lambda v: _interval(v.time_to_10, 0),
     "violations, %": lambda v: _interval(v.violations, 1, 100.0),
     "lost, %": lambda v: _interval(v.lost, 1, 100.0),
     "RMS / bound": lambda v: f"{v.efficiency:.2f}",
-    "ANEES": lambda v: f"{v.anees:.2f}" if v.anees < 100.0 else f"{v.anees:.0e}",
+    _CONSISTENCY: lambda v: f"{v.anees:.2f}" if v.anees < 100.0 else f"{v.anees:.0e}",
     "ms/decision": lambda v: f"{v.milliseconds_per_decision:.4f}",
 }
 """Columns of every table, in order."""
@@ -42,16 +48,31 @@ def title(evaluation: Evaluation) -> str:
     return f"{evaluation.scenario.name}: {evaluation.episodes} episodes, seeds {first}–{last}, tracker {tracker}"
 
 
-def notes(evaluation: Evaluation) -> str:
-    """How to read the columns."""
-    low, high = evaluation.anees_band
-    return (
-        "Log range bound: mean over time of ln(σ_r / r) of the Cramér–Rao bound along the path flown, lower is better. "
-        "End error: median position error over range. "
-        f"{_violations(evaluation.scenario.episode.min_range)} "
-        "Brackets: 95 % intervals (paired bootstrap; Wilson for rates). "
-        f"ANEES per state of a consistent tracker: {low:.2f}–{high:.2f}."
-    )
+def notes(evaluation: Evaluation, columns: Sequence[str] = tuple(COLUMNS)) -> str:
+    """How to read the columns, and which are missing."""
+    scenario, (low, high) = evaluation.scenario, evaluation.anees_band
+    away = "range" if len(scenario.platforms) == 1 else f"the range of platform {scenario.own_ship}"
+    sentences = [
+        "Log range bound: mean over time of ln(σ_r / r) of the Cramér–Rao bound along the path flown, lower is better."
+    ]
+    if any(sensor.noise_law == "uniform" for sensor in scenario.sensors):
+        sentences.append("Uniform noise has no such bound: it is that of normal noise of the same variance.")
+    sentences.append(f"End error: median position error, over {away} and in metres.")
+    if _rewards_metres(scenario):
+        sentences.append("Sorted by the end error in metres, which the reward counts.")
+    sentences.append(_violations(scenario.episode.min_range))
+    sentences.append("Brackets: 95 % intervals (paired bootstrap; Wilson for rates).")
+    if _CONSISTENCY in columns:
+        sentences.append(f"ANEES per state of a consistent tracker: {low:.2f}–{high:.2f}.")
+    hidden = [name.split(",")[0] for name in COLUMNS if name not in columns]
+    if hidden:
+        sentences.append(f"No room for {', '.join(hidden)}: widen the terminal or use --json.")
+    return " ".join(sentences)
+
+
+def _rewards_metres(scenario: Scenario) -> bool:
+    """Whether the reward counts the position error itself, because the range means little."""
+    return any(isinstance(term, PositionError) for term in scenario.reward)
 
 
 def _violations(min_range: float) -> str:
@@ -60,22 +81,36 @@ def _violations(min_range: float) -> str:
 
 def rich_table(evaluation: Evaluation, width: int) -> Table:
     """The evaluation for a terminal of a given width, best policy first; narrow ones get the leading columns."""
-    names = list(COLUMNS) if width >= _WIDE else list(COLUMNS)[:_LEADING]
+    columns = {name: _column(name, evaluation) for name in COLUMNS}
+    while len(columns) > 1 and sum(_width(name, cells) + 1 for name, cells in columns.items()) > width + 1:
+        columns.popitem()
     table = Table(
         title=title(evaluation),
-        caption=notes(evaluation),
+        caption=notes(evaluation, list(columns)),
         caption_justify="left",
         box=SIMPLE,
-        padding=(0, 1, 0, 0),
+        padding=0,
         pad_edge=False,
         show_edge=False,
     )
-    for name in names:
-        heading = name.replace(", ", ",\n").replace("time to ", "time to\n")
-        table.add_column(heading, justify="left" if name == "policy" else "right", no_wrap=name != "policy")
-    for verdict in ranked(evaluation):
-        table.add_row(*(COLUMNS[name](verdict).replace(" [", "\n[").replace(", ", ",") for name in names))
+    for name, cells in columns.items():
+        plain, least = name != _POLICY, _width(name, cells)
+        table.add_column(cells[0], justify="right" if plain else "left", no_wrap=plain, min_width=least)
+    for row in zip(*(cells[1:] for cells in columns.values()), strict=True):
+        table.add_row(*row)
     return table
+
+
+def _column(name: str, evaluation: Evaluation) -> list[str]:
+    """Heading and cells, intervals on a line of their own."""
+    heading = name.replace(", ", ",\n").replace("time to ", "time to\n")
+    cells = [COLUMNS[name](verdict) for verdict in ranked(evaluation)]
+    return [heading, *(cell.replace(" [", "\n[").replace(", ", ",") for cell in cells)]
+
+
+def _width(name: str, cells: list[str]) -> int:
+    """The longest line of a column; names of policies may be broken between words."""
+    return max(len(line) for cell in cells for line in (cell.split() if name == _POLICY else cell.split("\n")))
 
 
 def markdown_table(evaluation: Evaluation) -> str:
@@ -87,5 +122,7 @@ def markdown_table(evaluation: Evaluation) -> str:
 
 
 def ranked(evaluation: Evaluation) -> list[Verdict]:
-    """The verdicts, best log range bound first."""
+    """The verdicts, best log range bound first, or best end error in metres where the reward counts that."""
+    if _rewards_metres(evaluation.scenario):
+        return sorted(evaluation.verdicts, key=lambda verdict: verdict.end_position_error.value)
     return sorted(evaluation.verdicts, key=lambda verdict: verdict.log_range_bound.value)

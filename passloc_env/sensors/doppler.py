@@ -42,7 +42,7 @@ class Doppler(Sensor):
         """The carrier's offset when it is unknown."""
         if not self.unknown_carrier:
             return ()
-        return (Nuisance("carrier_offset", self.carrier_sigma, self.carrier_walk),)
+        return (Nuisance("carrier_offset", self.carrier_sigma, self.carrier_walk, unit="Hz"),)
 
     def measure(self, scene: Scene) -> Array:
         """The shift ``(1, …, N)``."""

@@ -53,7 +53,7 @@ class PhaseDifference(Sensor):
     def nuisance_claims(self) -> tuple[Nuisance, ...]:
         """The body that carries it is one: either its misalignment is known to all interferometers, or to none."""
         names = (f"{rotation}_error_{self.platform}" for rotation in _ROTATIONS)
-        return tuple(Nuisance(name, self.misalignment_sigma) for name in names)
+        return tuple(Nuisance(name, self.misalignment_sigma, unit="rad") for name in names)
 
     def check(self, dimension: int) -> None:
         """The axis exists, and misalignments are those of space."""

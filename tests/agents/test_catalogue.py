@@ -55,7 +55,7 @@ def refusal(text, scenario=SCENARIO):
 
 @pytest.mark.parametrize("name", RULE_NAMES + PLANNER_NAMES)
 def test_every_name_finds_a_policy(name):
-    policy = find_policy(name, OWN_SHIP)
+    policy = find_policy(name, SCENARIOS["DualSatellite"] if name in ("yaw", "roll") else OWN_SHIP)
     assert isinstance(policy, Policy)
     assert policy.name.split()[0] == name
 
@@ -148,8 +148,6 @@ def test_an_impossible_planner(text, reason):
 def test_scenarios_that_cannot_be_planned_for(name):
     fixed = SCENARIO.override({"platforms": [{"type": "FixedStation"}]})
     assert "nothing that can be steered" in refusal(name, fixed)
-    turning = SCENARIO.override({"tracker.motion": {"type": "UnknownTurn"}})
-    assert "need a linear motion" in refusal(name, turning)
 
 
 @pytest.mark.parametrize(
@@ -225,7 +223,7 @@ def test_an_agent_trained_on_another_scenario_flies_where_it_sees_the_same(tmp_p
 def test_a_folder_without_an_agent(tmp_path):
     from agents import AgentFileError
 
-    with pytest.raises(AgentFileError, match=r"cannot read .*agent\.json") as caught:
+    with pytest.raises(AgentFileError, match=r"is not a run folder: it holds no agent\.json") as caught:
         find_policy(str(tmp_path), SCENARIO)
     assert "\n" not in str(caught.value)
 
@@ -242,3 +240,29 @@ def test_saved_cards_are_plain_json(tmp_path):
     card = json.loads((agent_for(SCENARIO, tmp_path / "agent") / CARD).read_text(encoding="utf-8"))
     assert card["format"] == "passloc-agent-1"
     assert card["observation"] == list(observation_names(SCENARIO))
+
+
+@pytest.mark.parametrize(
+    ("scenario", "text", "why"),
+    [
+        (
+            "DualSatellite",
+            "circle",
+            "no platform of DualSatellite chooses a heading; known: stationary, random, yaw, roll",
+        ),
+        ("DualSatellite", "zigzag:angle=45", "chooses a heading"),
+        ("CrossFix", "yaw", "no platform of CrossFix turns its body"),
+        ("CrossFix", "legs", "no legs were published for CrossFix, only for OwnShipModerate, OwnShipSevere"),
+    ],
+)
+def test_rules_that_nothing_can_follow(scenario, text, why):
+    """Refused in one line that says once what is not possible, and what is."""
+    message = refusal(text, SCENARIOS[scenario])
+    assert why in message
+    assert message.count("is not possible") == 1
+
+
+def test_parameters_that_a_policy_takes_are_named():
+    assert "known: angle, leg" in refusal("zigzag:angel=4")
+    assert "known: none" in refusal("circle:radius=3")
+    assert "known: seconds, looks, objective, over, margin, caution, legs, generations" in refusal("horizon:second=4")

@@ -17,6 +17,7 @@ from passloc_env.motion import ConstantVelocity
 from passloc_env.platforms import CircularOrbit, FixedStation, PlanarPose, Pose, TurnLimitedPlatform
 from passloc_env.randomisation import take
 from passloc_env.sensors import Bearing
+from passloc_env.tracking import UnscentedKalman
 from training.episodes import fly
 
 AIRCRAFT = SCENARIOS["BearingsOnly"]
@@ -30,7 +31,7 @@ WORLDS = {
     "steered by its turn rate": (AIRCRAFT.override({"platforms.0.control": "turn_rate"}), 22),
     "any turn rate": (AIRCRAFT.override({"platforms.0.max_turn_rate": Uniform(low=0.02, high=0.3)}), 22),
     "between two stations": (AIRCRAFT.override(STATIONS), 22),
-    "turning on the spot": (SCENARIOS["OwnShipSevere"], 18),
+    "turning on the spot": (SCENARIOS["OwnShipSevere"].replace(tracker=UnscentedKalman()), 18),
     "three vehicles": (SCENARIOS["CrossFix"], 3),
     "with an acceleration": (SCENARIOS["DualArray"].override({"episode.min_range": 3e3}), 12),
 }

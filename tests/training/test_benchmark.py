@@ -80,10 +80,11 @@ def test_run_prints_tables_and_writes_json(tmp_path: Path, capsys: pytest.Captur
     assert "FilterPy environment" in capsys.readouterr().out
 
 
-def test_a_missing_folder_is_told_before_measuring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_written_is_told_before_measuring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(harness, "measure_stepping", None)
-    with pytest.raises(FileNotFoundError):
-        benchmark.run(Bench(json=tmp_path / "absent" / "bench.json"))
+    (tmp_path / "file").write_text("mine", encoding="utf-8")
+    with pytest.raises(NotADirectoryError):
+        benchmark.run(Bench(json=tmp_path / "file" / "bench.json"))
 
 
 def test_tables_print(results: Results) -> None:

@@ -142,7 +142,7 @@ def test_train_then_evaluate_the_agent(passloc, tmp_path):
         (("evaluate", "--episodes", "0"), "at least 1"),
         (("evaluate", "--episodes", "-3"), "at least 1"),
         (("evaluate", "--episodes", "2", "--policies", "circle", "--seed", "-1", *QUICK), "seed"),
-        (("evaluate", "--json", "nowhere/results.json"), "nowhere"),
+        (("evaluate", "--json", "/dev/null/results.json"), "/dev/null is not a folder"),
         (("evaluate", "--episodes", "2", "--policies", "circle", "--json", ".", *QUICK), "."),
         (("train", "--decisions", "0"), "decisions"),
         (("train", "--hyperparameters", "nowhere.yaml"), "cannot read"),

@@ -34,10 +34,13 @@ def test_something_is_shipped():
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
 def test_every_shipped_file_belongs_to_a_scenario_and_fits_it(path):
-    scenario = SCENARIOS[path.stem]
     parameters = Hyperparameters.load(path)
-    assert parameters == Hyperparameters.for_scenario(path.stem)
-    scenario.override(parameters.overrides)
+    names = [path.stem] if path.stem in SCENARIOS else [name for name in SCENARIOS if name.startswith(path.stem)]
+    assert names
+    for name in names:
+        SCENARIOS[name].override(parameters.overrides)
+    if names == [path.stem]:
+        assert parameters == Hyperparameters.for_scenario(path.stem)
     # Gradient steps need whole batches, and at least one of them per rollout.
     assert parameters.environments * parameters.rollout % parameters.batch_size == 0
     assert parameters.decisions >= parameters.environments * parameters.rollout

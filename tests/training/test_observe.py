@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import matplotlib.image
 import numpy as np
@@ -16,6 +15,7 @@ pytest.importorskip("stable_baselines3")
 
 from agents import find_policy
 from passloc_env.layout import StateLayout
+from passloc_env.nuisance import Nuisance
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.survey import Survey
 from training.commands import EVALUATION_SEED
@@ -56,7 +56,9 @@ def test_it_prints_draws_and_writes_a_survey(passloc: Passloc, tmp_path: Path, n
 
     assert f"{name}, flown by {policy.name}, seed 3" in out
     assert f"20 measurements determine {report.rank[0]} of {survey.layout.size} states" in out
-    assert f"weakest direction: {_direction(report.weakest[:, 0], survey.layout)}" in out
+    scale = np.sqrt(np.diagonal(survey.prior[..., 0]))
+    weakest = _direction(report.weakest[:, 0], scale, survey.layout, survey.simulation.models.bound_nuisances)
+    assert f"weakest direction, one prior deviation (σ) along it: {weakest}" in out
     assert "map of the bound over emitter positions: map.png" in out
     first, last = (f"{survey.position_bound[k]:.4g}" for k in (0, -1))
     rows = [line for line in out.splitlines() if line.count("│") == 5]
@@ -81,10 +83,10 @@ def test_the_fixed_station_of_case_1b_is_blind_to_the_range(passloc: Passloc) ->
     assert status == 0
     assert f"seed {EVALUATION_SEED}" in out
     assert "300 measurements determine 3 of 4 states; condition unbounded" in out
-    found = re.search(r"weakest direction: east \+(\S+) m, north \+(\S+) m$", out, re.MULTILINE)
+    found = re.search(r"along it: east \+\S+σ \((\S+) m\), north \+\S+σ \((\S+) m\)$", out, re.MULTILINE)
     assert found
     assert float(found[1]) == pytest.approx(2.0 * float(found[2]), rel=0.02)  # three digits are printed
-    assert Path("runs/observe/BearingDopplerCase1b-stationary.png").stat().st_size > 10_000
+    assert Path(f"runs/observe/BearingDopplerCase1b-stationary-{EVALUATION_SEED}.png").stat().st_size > 10_000
 
 
 def test_the_same_seed_draws_the_same(passloc: Passloc, tmp_path: Path) -> None:
@@ -133,9 +135,9 @@ def test_an_emitter_below_the_horizon_is_not_observed(passloc: Passloc, tmp_path
         (("BearingsOnly", "--policy", "nowhere/agent.json"), "cannot read"),
         (("BearingsOnly", "--override", "episode.stepz=8"), "did you mean 'steps'?"),
         (("BearingsOnly", "--override", "episode.steps=0"), "at least 1"),
-        (("BearingsOnly", "--out", "nowhere/map.png"), "nowhere is not a folder"),
+        (("BearingsOnly", "--out", "/dev/null/map.png"), "/dev/null is not a folder"),
         (("BearingsOnly", "--out", "."), "is a folder"),
-        (("BearingsOnly", "--json", "nowhere/results.json"), "nowhere is not a folder"),
+        (("BearingsOnly", "--json", "/dev/null/results.json"), "/dev/null is not a folder"),
         (("BearingsOnly", "--json", "."), "is a folder"),
         (("BearingsOnly", "--seed", "-1"), "seed = -1 is not possible"),
         (("BearingsOnly", "--out", "map.xyz"), "map.xyz"),
@@ -158,7 +160,9 @@ def test_the_picture_is_where_it_is_said_to_be(passloc: Passloc) -> None:
 
 def test_directions_name_what_matters_with_units() -> None:
     layout = StateLayout(2, 2, ("carrier_offset",))
-    vector: Any = np.array([300.0, -200.0, 0.5, 4.0, -3.01, 0.0, 50.0])
-    assert _direction(vector, layout) == (
-        "east +300 m, north -200 m, north velocity +4 m/s, east acceleration -3.01 m/s², carrier_offset +50"
+    vector = np.array([300.0, -200.0, 0.5, 4.0, -3.01, 0.0, 50.0])
+    scale = np.array([1e3, 1e3, 100.0, 10.0, 5.0, 5.0, 1e2])
+    assert _direction(vector, scale, layout, [Nuisance("carrier_offset", 1e2, unit="Hz")]) == (
+        "east acceleration -0.60σ (-3.01 m/s²), carrier_offset +0.50σ (50 Hz), north velocity +0.40σ (4 m/s), "
+        "east +0.30σ (300 m), north -0.20σ (-200 m)"
     )

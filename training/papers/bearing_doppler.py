@@ -266,16 +266,18 @@ def _draw(reproduction: Reproduction, histories: dict[str, History]) -> None:
             axes.grid(alpha=0.3, which="both")
             axes.legend()
     with reproduction.figure(
-        "tracks", "The four cases, seen from the station; dots mark the start.", 1, 4, (3.2, 3.4)
+        "tracks", "The four cases, seen from the station; dots mark the start.", 1, 4, (3.2, 3.6)
     ) as axes:
         for (case, scenario), panel in zip(CASES.items(), axes[0], strict=True):
             survey = Survey(scenario.override({"platforms.0.speed": 0.0}))
             east, north = np.concatenate([survey.start[:2].T, survey.states[:, :2]]).T / 1e3
-            panel.plot(east, north, color=EMITTER, lw=2.0)
-            panel.plot(east[0], north[0], "o", color=EMITTER)
-            panel.plot(0.0, 0.0, "^", color=OBSERVER, ms=8)
+            panel.plot(east, north, color=EMITTER, lw=2.0, label="emitter")
+            panel.plot(east[0], north[0], "o", color=EMITTER, label="its start")
+            panel.plot(0.0, 0.0, "^", color=OBSERVER, ms=8, ls="none", label="station")
             panel.set_aspect("equal", adjustable="datalim")
             panel.set_title(f"case {case}")
             panel.set_xlabel("east, km")
             panel.set_ylabel("north, km")
             panel.grid(alpha=0.3)
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        axes[0, 0].figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)

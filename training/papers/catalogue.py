@@ -69,13 +69,15 @@ PAPERS = {
 
 
 def find_papers(name: str) -> list[Paper]:
-    """The paper of a name, or all of them.
+    """The paper of a name or number, or all of them.
 
     Raises:
         InputError: no such paper, with the closest name.
     """
     if name == "all":
         return list(PAPERS.values())
-    if name not in PAPERS:
-        raise InputError(str(unknown_name("paper", name, [*PAPERS, "all"], "paper")))
-    return [PAPERS[name]]
+    found = [paper for paper in PAPERS.values() if name in (paper.name, paper.number)]
+    if not found:
+        numbers = [paper.number for paper in PAPERS.values()]
+        raise InputError(str(unknown_name("paper", name, [*PAPERS, *numbers, "all"], "paper")))
+    return found

@@ -52,6 +52,9 @@ _REGISTERED = SCENARIOS["DualArray"]
 _LAYOUT = StateLayout(order=2)
 _ARRAYS = np.array([[0.0, 0.0], [1.0, 0.0]]) * KILOMETRE
 _PERIOD, _REVERSAL, _END = 2.0, 500.0, 1000.0
+_SECOND = 552.8
+"""When the emitter passes array 2: 20 m/s and slowing by 0.04 m/s², it has gone a kilometre."""
+
 _BEFORE = 0.01
 """Metres by which the emitter is late: at 500 s it would be *on* array 1, where neither bearing nor frequency is
 defined. So the look at 500 s is the limit from before."""
@@ -361,7 +364,7 @@ def _draw(reproduction: Reproduction, histories: Histories) -> None:
     """Fig. 2: errors of position and velocity over time."""
     caption = (
         "Results of tracking (the paper's fig. 2): RMS errors of position and velocity (solid), and the Cramér–Rao "
-        "bound (dashed). At 500 s the emitter passes array 1, at 553 s array 2."
+        f"bound (dashed). At {_REVERSAL:.0f} s the emitter passes array 1, at {_SECOND:.0f} s array 2."
     )
     with reproduction.figure("errors", caption, columns=2, size=(5.6, 4.4)) as axes:
         position, velocity = axes[0]
@@ -370,13 +373,16 @@ def _draw(reproduction: Reproduction, histories: Histories) -> None:
             position.semilogy(history.time, history.rms(), label=track.label, **style)
             velocity.semilogy(history.time, history.rms("velocity"), **style)
             if not track.aware:
-                position.semilogy(history.time, root_mean_square(history.bound, axis=1), ls="--", alpha=0.7, **style)
+                bound, label = root_mean_square(history.bound, axis=1), f"bound {track.label.partition(',')[0]}"
+                position.semilogy(history.time, bound, ls="--", alpha=0.7, label=label, **style)
                 velocity.semilogy(history.time, history.rms("velocity bound"), ls="--", alpha=0.7, **style)
-        position.plot([], [], "--", color=BOUND, label="bound")
         position.set_ylabel("position error, m")
         velocity.set_ylabel("velocity error, m/s")
         for axis in (position, velocity):
-            axis.axvline(_REVERSAL, color=BOUND, lw=0.8, ls=":")
+            for number, passage in enumerate((_REVERSAL, _SECOND), 1):
+                axis.axvline(passage, color=BOUND, lw=0.8, ls=":")
+                place, side = (passage, 0.98), "right" if number == 1 else "left"
+                axis.text(*place, f" array {number} ", size=8, ha=side, va="top", transform=axis.get_xaxis_transform())
             axis.set(xlabel="time, s", xlim=(0.0, _END))
             axis.grid(alpha=0.3, which="major")
         axes[0, 0].figure.legend(loc="outside lower center", ncols=2, frameon=False)

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullLocator
 
 from passloc_env.arrays import Array
 from passloc_env.platforms import CircularOrbit
@@ -332,24 +334,37 @@ def _draw_sets(
                 panel.semilogy(found.time, found.rms(quantity) / unit, color=_COLOURS[kind], lw=1.8, label=kind)
             panel.set_xlabel("time, s")
             panel.set_ylabel(label)
-            panel.grid(alpha=0.3, which="both")
+            _plain_ticks(panel)
+            panel.grid(alpha=0.3)
         axes[0, 0].legend(fontsize=8)
+
+
+def _plain_ticks(axes: Axes) -> None:
+    """Ticks at 1, 2, 5, 10 … of a logarithmic height, in plain numbers."""
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def _draw_processing(reproduction: Reproduction, found: dict[str, Errors]) -> None:
     caption = "Figure 9 of the paper: position error per pulse and per beat; the mid-beat value closes the gap."
-    styles = {"start value": "-", "mid-beat value": "--", "value + rate": ":"}
+    folded = "mid-beat value or value + rate of either beat"
     with reproduction.figure("processing", caption, size=(6.4, 4.4)) as axes:
         axes.semilogy(
             found["per pulse"].time, found["per pulse"].rms("position") / KILOMETRE, color=BOUND, lw=3.0, alpha=0.5
         )
         axes.plot([], [], color=BOUND, lw=3.0, alpha=0.5, label="per pulse")
         for label, colour in (("0.1 s", ESTIMATE), ("1 s", EMITTER)):
-            for cut, style in styles.items():
-                errors = found[f"{label} beats, {cut}"]
-                rms = errors.rms("position") / KILOMETRE
-                axes.semilogy(errors.time, rms, style, color=colour, lw=1.5, label=f"{label} beats, {cut}")
+            start, *others = (
+                found[f"{label} beats, {cut}"] for cut in ("start value", "mid-beat value", "value + rate")
+            )
+            name = f"{label} beats, start value"
+            axes.semilogy(start.time, start.rms("position") / KILOMETRE, color=colour, lw=1.5, label=name)
+            for errors in others:
+                axes.semilogy(errors.time, errors.rms("position") / KILOMETRE, ":", color="black", lw=1.0, label=folded)
+                folded = "_"
         axes.set_xlabel("time, s")
         axes.set_ylabel("RMS position error, km")
-        axes.grid(alpha=0.3, which="both")
+        _plain_ticks(axes)
+        axes.grid(alpha=0.3)
         axes.legend(fontsize=8)

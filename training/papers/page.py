@@ -13,6 +13,9 @@ from passloc_env.errors import InputError
 from training.papers.catalogue import PAPERS, Paper
 from training.papers.reproduction import Reproduction
 
+_KEYS = {"command", "claims", "figures", "tables"}
+"""What a page needs of a paper's file."""
+
 _HEAD = """# Five papers, claim by claim
 
 Each paper studies passive localisation from fixed stations. Its simulations run here in the environment itself, with
@@ -29,11 +32,19 @@ def save(reproduction: Reproduction, folder: Path, command: str) -> None:
         "command": command,
         "runs": reproduction.runs,
         "seed": reproduction.seed,
+        "caution": reproduction.caution,
         "claims": [dataclasses.asdict(claim) for claim in reproduction.claims],
         "figures": [dataclasses.asdict(figure) for figure in reproduction.figures],
         "tables": [dataclasses.asdict(table) for table in reproduction.tables],
     }
     _write(folder / f"{reproduction.paper}.json", _finite(data))
+
+
+def check_others(folder: Path, replaced: Sequence[Paper]) -> None:
+    """See that what a folder holds of papers other than those to be replaced can be read; errors as :func:`collect`."""
+    for paper in PAPERS.values():
+        if paper not in replaced:
+            _read(folder / f"{paper.name}.json")
 
 
 def collect(folder: Path) -> list[Path]:
@@ -72,6 +83,8 @@ def _section(paper: Paper, data: dict[str, Any]) -> str:
         for claim in data["claims"]
     ]
     parts = [f"## {paper.name}", f"Paper {paper.number}: {paper.citation}", f"```sh\n{data['command']}\n```"]
+    if data.get("caution"):
+        parts.append(f"*{data['caution']}*")
     parts.append(_table(["claim", "paper", "measured [95 %]", "assumption", "verdict"], claims))
     for table in data["tables"]:
         parts += [f"### {table['title']}", _table(table["headings"], table["rows"])]
@@ -96,10 +109,13 @@ def _interval(interval: Sequence[float | None] | None) -> str:
 def _read(path: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
+    advice = "reproduce that paper again, or remove the file"
     try:
-        data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8"))
     except ValueError:
-        raise InputError(f"{path} is not readable JSON: reproduce that paper again, or remove the file") from None
+        raise InputError(f"{path} is not readable JSON: {advice}") from None
+    if not isinstance(data, dict) or not data.keys() >= _KEYS:
+        raise InputError(f"{path} does not hold a paper's results: {advice}")
     return data
 
 

@@ -346,6 +346,10 @@ def _draw_scene(reproduction: Reproduction) -> None:
             reach = np.array([0.0, *_SPEEDS]) * _END / KILOMETRE
             east, north = -reach * np.sin(angle * DEGREE), _RANGE / KILOMETRE - reach * np.cos(angle * DEGREE)
             axes.plot(east, north, "o-", color=_COLOURS[angle], ms=5, lw=2, markevery=(1, 1), label=f"φ = {angle:g}°")
+            # Above the outermost track, to the right of the others: clear of all lines.
+            offset, side = ((-5, 5), "right") if angle == max(_ANGLES) else ((7, -2), "left")
+            for speed, *place in zip(_SPEEDS, east[1:], north[1:], strict=True):
+                axes.annotate(f"{speed:g} m/s", place, offset, textcoords="offset points", size=8, ha=side)
         axes.plot(0.0, 0.0, "^", color=BOUND, ms=9, ls="none", label="station")
         axes.set(xlabel="east, km", ylabel="north, km", xlim=(-150.0, 80.0), ylim=(-10.0, 215.0))
         axes.set_aspect("equal")

@@ -79,10 +79,16 @@ class Reproduction:
     claims: list[Claim] = field(default_factory=list)
     figures: list[Figure] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
+    caution: str = ""
+    """What a reader of the verdicts should know; empty when there is nothing."""
 
     def runs_or(self, default: int) -> int:
-        """The number of runs asked for, or the paper's."""
-        return default if self.runs is None else self.runs
+        """The number of runs asked for, or the paper's; fewer than that are cautioned against."""
+        if self.runs is None:
+            return default
+        if self.runs < default:
+            self.caution = f"{self.runs} runs: fewer than the {default} that verdicts are meant for"
+        return self.runs
 
     def claim(
         self,
