@@ -3,79 +3,165 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import shlex
+import shutil
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from agents import LearnedPolicy
 from agents.agent_file import AgentFile
 from passloc_env.errors import InputError
-from passloc_env.rewards import FilterCertainty, GramGain, KeepOut, RangeBound, RewardTerm, TrackingError
+from passloc_env.rewards import (
+    DEFAULT_REWARD,
+    FilterCertainty,
+    GramGain,
+    KeepOut,
+    RangeBound,
+    RewardTerm,
+    TrackingError,
+)
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
-from training.arguments import check_seed
-from training.commands import EVALUATION_SEED, Ablate
-from training.evaluate import Evaluation, evaluate
+from training.arguments import at_least_one, check_seed, kept_folder
+from training.commands import Ablate
+from training.evaluate import Evaluation
+from training.files import write_whole
 from training.hyperparameters import Hyperparameters
+from training.judging import judge
 from training.progress import console
 from training.table import markdown_table, notes, title
-from training.train import run
+from training.train import check_training, run
 
-REWARDS: dict[str, tuple[RewardTerm, ...]] = {
+_BARE: dict[str, tuple[RewardTerm, ...]] = {
     "range bound": (RangeBound(),),
     "Gram gain": (GramGain(weight=1.0),),
     "filter certainty": (FilterCertainty(),),
     "tracking error": (TrackingError(weight=10.0),),
     "range bound + Gram gain": (RangeBound(), GramGain()),
-    "default": (RangeBound(), GramGain(), TrackingError()),
+    "range bound + Gram gain + tracking error": (RangeBound(), GramGain(), TrackingError()),
 }
-"""Rewards by name, each tried with and without a keep-out."""
+
+REWARDS: dict[str, tuple[RewardTerm, ...]] = {
+    name + kept: (*terms, *keeping)
+    for name, terms in _BARE.items()
+    for kept, keeping in (("", ()), (" + keep-out", (KeepOut(),)))
+}
+"""The rewards that are compared, by name; the default is among them."""
+
+_DEFAULT = next(name for name, terms in REWARDS.items() if terms == DEFAULT_REWARD)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A reward to be tried: what an agent is trained on for it, how, and where that is kept."""
+
+    name: str
+    scenario: Scenario
+    parameters: Hyperparameters
+    seed: int
+    folder: Path
+
+    @property
+    def trained(self) -> bool:
+        """Whether the agent is there already.
+
+        Raises:
+            AgentFileError: the folder holds something else.
+            InputError: the folder holds an agent of other settings.
+        """
+        if not self.folder.exists():
+            return False
+        card = AgentFile.load(self.folder).card
+        training = card["training"]
+        wanted = (self.scenario.override(self.parameters.overrides).to_dict(), dataclasses.asdict(self.parameters))
+        found = [card["scenario"], training["hyperparameters"]]
+        if found != json.loads(json.dumps(wanted)) or training["seed"] != self.seed:
+            raise InputError(f"{self.folder} holds an agent trained otherwise: name another folder with --out")
+        return True
+
+    def train(self) -> None:
+        """Train the agent; its folder appears when it is finished."""
+        partial = self.folder.with_name(self.folder.name + ".partial")
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir()
+        run(self.scenario, self.parameters, partial, self.seed)
+        partial.replace(self.folder)
+
+    @property
+    def policy(self) -> LearnedPolicy:
+        """The trained agent under the name of its reward."""
+        return LearnedPolicy(AgentFile.load(self.folder), self.name)
 
 
 def ablate(arguments: Ablate) -> Path:
-    """Train and judge an agent per reward; the page that compares them.
+    """Train an agent per reward unless it is there, and judge them all; the page that compares them.
 
     Raises:
-        InputError: fewer than one decision or episode, or a negative seed.
+        ScenarioError: an unknown scenario.
+        InputError: fewer than one decision or episode, a negative seed, or a folder with agents of other settings.
+        FileExistsError: the folder is a file.
     """
     scenario = find(arguments.scenario)
     check_seed(arguments.seed)
-    for name in ("decisions", "episodes"):
-        if getattr(arguments, name) < 1:
-            raise InputError(f"{name} = {getattr(arguments, name)} is not possible: must be at least 1")
-    policies = []
-    for name, terms in REWARDS.items():
-        for kept, rewards in (("", terms), (" + keep-out", (*terms, KeepOut()))):
-            console.print(f"reward: {name}{kept}", highlight=False)
-            policies.append(_trained(scenario, name + kept, rewards, arguments))
-    evaluation = evaluate(scenario, policies, arguments.episodes, EVALUATION_SEED)
-    page = arguments.out / "rewards.md"
-    page.write_text(_page(evaluation, arguments), encoding="utf-8")
-    evaluation.save(arguments.out / "rewards.json")
+    at_least_one(decisions=arguments.decisions, episodes=arguments.episodes)
+    candidates = _candidates(scenario, arguments)
+    waiting = [candidate for candidate in candidates if not candidate.trained]
+    folder = kept_folder(arguments.out)
+    for number, candidate in enumerate(waiting, 1):
+        console.print(f"training {number}/{len(waiting)}: {candidate.name}", highlight=False)
+        candidate.train()
+    evaluation = judge(scenario, [candidate.policy for candidate in candidates], arguments.episodes)
+    evaluation.save(folder / "rewards.json")
+    page = folder / "rewards.md"
+    write_whole(page, _page(evaluation, arguments))
     console.print(f"{page}", highlight=False, soft_wrap=True)
     return page
 
 
-def _trained(scenario: Scenario, name: str, rewards: tuple[RewardTerm, ...], arguments: Ablate) -> LearnedPolicy:
-    """The agent of one reward, trained now or earlier; nothing guards it, for that is what is looked at."""
-    folder = arguments.out / name.replace(" ", "-").replace("+", "and")
-    wanted: dict[str, Any] = {"decisions": arguments.decisions, "shield_sigmas": 0.0}
-    parameters = dataclasses.replace(Hyperparameters.for_scenario(scenario.name), **wanted)
-    if not (folder / "agent.json").exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        run(scenario.replace(reward=rewards), parameters, folder, arguments.seed)
-    return LearnedPolicy(AgentFile.load(folder), name)
+def _candidates(scenario: Scenario, arguments: Ablate) -> list[Candidate]:
+    """A candidate per reward; nothing guards them, for what the reward does by itself is looked at."""
+    shipped = Hyperparameters.for_scenario(scenario.name)
+    parameters = dataclasses.replace(
+        shipped,
+        decisions=arguments.decisions,
+        shield_sigmas=0.0,
+        shielded_training=False,
+        # Where training is shipped with a reward of its own, that gives way to the one that is tried.
+        overrides={name: value for name, value in shipped.overrides.items() if name.partition(".")[0] != "reward"},
+    )
+    candidates = [
+        Candidate(
+            name,
+            scenario.replace(reward=terms),
+            parameters,
+            arguments.seed,
+            arguments.out / name.replace("+", "and").replace(" ", "-"),
+        )
+        for name, terms in REWARDS.items()
+    ]
+    for candidate in candidates:
+        check_training(candidate.scenario, parameters)
+    return candidates
 
 
 def _page(evaluation: Evaluation, arguments: Ablate) -> str:
+    options = {
+        "--decisions": arguments.decisions,
+        "--episodes": arguments.episodes,
+        "--seed": arguments.seed,
+        "--out": arguments.out.as_posix(),
+    }
+    words = [str(word) for option in options.items() for word in option]
+    command = shlex.join(["passloc", "ablate", evaluation.scenario.name, *words])
     return "\n".join(
         [
             "# Which reward leads where\n",
             f"One learner, PPO for {arguments.decisions:,} decisions each on {evaluation.scenario.name}, with one "
             "reward after another; *keep-out* adds the bounded penalty near the minimum range. In training an episode "
             "ends when that range is entered: a reward that is positive pays for staying out, one that is negative "
-            "pays for an early end. No shield. Written by",
-            f"\n```sh\npassloc ablate {evaluation.scenario.name} --decisions {arguments.decisions} "
-            f"--episodes {arguments.episodes} --out {arguments.out.as_posix()}\n```\n",
+            f"pays for an early end. No shield. The default is *{_DEFAULT}*. Written by",
+            f"\n```sh\n{command}\n```\n",
             f"{title(evaluation)}\n",
             markdown_table(evaluation),
             f"*{notes(evaluation)}*\n",

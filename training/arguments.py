@@ -57,6 +57,13 @@ def check_seed(seed: int) -> None:
         raise InputError(f"seed = {seed} is not possible: must be at least 0")
 
 
+def at_least_one(**counts: int) -> None:
+    """InputError for the first of the named counts that is below one."""
+    for name, count in counts.items():
+        if count < 1:
+            raise InputError(f"{name} = {count} is not possible: must be at least 1")
+
+
 def picture_path(path: Path) -> Path:
     """The path of a picture to write, checked like any other and to end as a picture does.
 
@@ -121,3 +128,16 @@ def new_folder(wanted: Path | None, name: str) -> Path:
             number += 1
         else:
             return folder
+
+
+def kept_folder(wanted: Path) -> Path:
+    """Make the folder of something that goes on where it stopped, unless it is there.
+
+    Raises:
+        FileExistsError: the folder, or one above it, is a file.
+    """
+    try:
+        wanted.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise FileExistsError(f"{wanted} is not a folder: name another one with --out") from None
+    return wanted

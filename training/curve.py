@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +16,18 @@ COLUMNS = ("decisions", "seconds", "mean_return", "mean_length", "violations")
 class CurveCallback(BaseCallback):
     """Keeps and writes wall time, decisions, return, length and violation rate of the episodes of each rollout.
 
+    Args:
+        path: the CSV file.
+        watch: called with each row; what it raises ends the training.
+
     Attributes:
         rows: one dictionary per rollout, keys :data:`COLUMNS`.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, watch: Callable[[dict[str, float]], None] = lambda row: None) -> None:
         super().__init__()
         self.rows: list[dict[str, float]] = []
-        self._path = path
+        self._path, self._watch = path, watch
         self._episodes: list[tuple[float, float, bool]] = []
 
     def _on_training_start(self) -> None:
@@ -53,3 +58,4 @@ class CurveCallback(BaseCallback):
         self.logger.record("rollout/violations", row["violations"])
         with self._path.open("a", newline="") as file:
             csv.writer(file).writerow(row.values())
+        self._watch(row)

@@ -20,6 +20,7 @@ from passloc_env.models import state_layout
 from passloc_env.scenario import Scenario
 from training.commands import EVALUATION_SEED
 from training.episodes import Scores, fly
+from training.files import write_whole
 from training.provenance import provenance
 from training.statistics import Bootstrap, Estimate, chi_square_band, rate, root_mean_square
 
@@ -80,9 +81,7 @@ class Evaluation:
 
     def save(self, path: Path) -> None:
         """Write :meth:`to_json`; the file appears whole or not at all."""
-        partial = path.with_name(path.name + ".partial")
-        partial.write_text(self.to_json(), encoding="utf-8")
-        partial.replace(path)
+        write_whole(path, self.to_json())
 
 
 def evaluate(

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -53,23 +54,48 @@ def train(arguments: Train) -> Run:
     scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
     parameters = _parameters(arguments, scenario)
     check_seed(arguments.seed)
-    # Whatever can be wrong with the overrides shall be said before there is a folder.
-    trained = scenario.override(parameters.overrides)
-    if parameters.mirror:
-        MirrorSymmetry(trained)
+    check_training(scenario, parameters)
     folder = new_folder(arguments.out, f"{scenario.name}-{arguments.seed}")
     return run(scenario, parameters, folder, arguments.seed, quiet=arguments.quiet)
 
 
-def run(scenario: Scenario, parameters: Hyperparameters, folder: Path, seed: int, quiet: bool = False) -> Run:
-    """Train one agent into an existing, empty folder, on the scenario with the hyperparameters' overrides applied."""
+def check_training(scenario: Scenario, parameters: Hyperparameters) -> None:
+    """Say whatever is wrong with the overrides before there is a folder.
+
+    Raises:
+        ScenarioError: an unknown field or an impossible value.
+        InputError: a mirror where there is no symmetry.
+    """
+    trained = scenario.override(parameters.overrides)
+    if parameters.mirror:
+        MirrorSymmetry(trained)
+
+
+def run(
+    scenario: Scenario,
+    parameters: Hyperparameters,
+    folder: Path,
+    seed: int,
+    quiet: bool = False,
+    watch: Callable[[dict[str, float]], None] = lambda row: None,
+) -> Run:
+    """Train one agent into an existing, empty folder, on the scenario with the hyperparameters' overrides applied.
+
+    Args:
+        scenario: the problem.
+        parameters: how to train.
+        folder: where everything goes.
+        seed: of everything random.
+        quiet: no progress bar.
+        watch: called with each row of the learning curve; what it raises ends the training.
+    """
     torch.set_num_threads(1)
     trained = scenario.override(parameters.overrides)
     _write_configuration(folder, trained, parameters, seed)
     env = learning_env(trained, parameters, seed)
     model = build_ppo(env, parameters, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
-    curve = CurveCallback(folder / "curve.csv")
+    curve = CurveCallback(folder / "curve.csv", watch)
     callbacks: list[BaseCallback] = [curve]
     if not quiet:
         callbacks.append(ProgressCallback(scenario.name, parameters.decisions))

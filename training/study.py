@@ -1,0 +1,90 @@
+"""The memory of a search: an Optuna study in an SQLite file, which a later search goes on from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import optuna
+from optuna.trial import TrialState
+from sqlalchemy import URL
+from sqlalchemy.exc import SQLAlchemyError
+
+from passloc_env.errors import InputError
+
+_NAME = "passloc"
+_DONE = (TrialState.COMPLETE, TrialState.PRUNED)
+_HOPELESS, _FAIR_TRIALS = 75.0, 5
+"""Training is given up in the worst quarter, once so many trials have been through to compare with."""
+
+
+@contextmanager
+def opened_study(path: Path, settings: dict[str, Any], decisions: int) -> Iterator[optuna.Study]:
+    """A study begun now or earlier; only one search at a time may work on it.
+
+    Trials that an interrupted search left running are marked as failed: samplers and pruners pass over those.
+
+    Args:
+        path: the SQLite file.
+        settings: all that costs depend on beside the suggestions, as plain data; trials of different settings cannot
+            be compared.
+        decisions: how many a whole trial trains for; none is given up in the first half.
+
+    Raises:
+        InputError: the file is no study, cannot be opened, or holds trials of other settings.
+    """
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    pruner = optuna.pruners.PercentilePruner(_HOPELESS, n_startup_trials=_FAIR_TRIALS, n_warmup_steps=decisions // 2)
+    try:
+        storage = optuna.storages.RDBStorage(URL.create("sqlite", database=str(path)).render_as_string())
+        study = optuna.create_study(storage=storage, study_name=_NAME, load_if_exists=True, pruner=pruner)
+    except (SQLAlchemyError, optuna.exceptions.OptunaError, RuntimeError) as error:
+        reason = str(error).partition("\n")[0]
+        raise InputError(f"{path} cannot be used as the memory of a search: {reason}") from None
+    try:
+        _keep_to(settings, study, path)
+        for trial in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+            study.tell(trial.number, state=TrialState.FAIL)
+        yield study
+    finally:
+        storage.remove_session()
+        storage.engine.dispose()
+
+
+def _keep_to(settings: dict[str, Any], study: optuna.Study, path: Path) -> None:
+    """InputError unless the study is new or of the same settings."""
+    found = study.user_attrs
+    if not found and not study.trials:
+        for name, value in settings.items():
+            study.set_user_attr(name, value)
+        return
+    other = [name for name, value in settings.items() if found.get(name) != value]
+    if other:
+        raise InputError(f"{path} is a search with other {', '.join(other)}: name another folder with --out")
+
+
+def ask(study: optuna.Study, seed: int, first: dict[str, Any]) -> optuna.Trial:
+    """The next trial.
+
+    Its suggestions follow from the seed and the trials that were brought to an end: a search that is interrupted and
+    taken up again comes to what it would have come to in one go.
+
+    Args:
+        study: what has been tried.
+        seed: of the search.
+        first: the suggestions to begin with.
+    """
+    done = len(study.get_trials(deepcopy=False, states=_DONE))
+    if not done and not study.get_trials(deepcopy=False, states=(TrialState.WAITING,)):
+        study.enqueue_trial(first)
+    drawn = np.random.SeedSequence((seed, done)).generate_state(1)
+    study.sampler = optuna.samplers.TPESampler(seed=int(drawn[0]))
+    return study.ask()
+
+
+def best_trial(study: optuna.Study) -> optuna.trial.FrozenTrial | None:
+    """The trial of the lowest cost, if any has been through."""
+    return study.best_trial if study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)) else None
