@@ -6,6 +6,7 @@ from agents.learned import LearnedPolicy
 from agents.planners import Greedy, Horizon, WithTruth
 from agents.policy import Policy, TruthKnowing
 from agents.rules import Circle, FlyAt, Legs, Perpendicular, Random, Stationary, Straight, Zigzag
+from agents.shipped import agents_for, load, shipped_agents
 
 __all__ = [
     "PLANNER_NAMES",
@@ -27,7 +28,10 @@ __all__ = [
     "TruthKnowing",
     "WithTruth",
     "Zigzag",
+    "agents_for",
     "default_policies",
     "find_policy",
+    "load",
     "rules_for",
+    "shipped_agents",
 ]

@@ -38,6 +38,11 @@ class AgentFile:
         """The scenario it was trained on."""
         return Scenario.from_dict(self.card["scenario"])
 
+    @property
+    def flies(self) -> tuple[str, ...]:
+        """The names of the scenarios that it is for; without a word in the card, the one it was trained on."""
+        return tuple(self.card.get("flies", [self.scenario.name]))
+
     def layers(self, network: str) -> list[tuple[np.ndarray, np.ndarray]]:
         """Weight ``(out, in)`` and bias ``(out,)`` of each layer of ``actor`` or ``critic``."""
         count = len(self.card["architecture"][network]) - 1
@@ -74,6 +79,7 @@ class AgentFile:
             Scenario.from_dict(self.card["scenario"])
             _check_networks(self.card["architecture"], self.card["observation"])
             _check_flight(self.card.get("mirror", False), self.card.get("shield_sigmas", 0.0))
+            _check_names(self.card.get("flies", []))
         except (KeyError, TypeError, ValueError) as error:
             reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
             raise AgentFileError(f"{folder / CARD} does not describe an agent: {reason}") from None
@@ -109,6 +115,12 @@ def _check_flight(mirror: Any, sigmas: Any) -> None:
     number = isinstance(sigmas, (int, float)) and not isinstance(sigmas, bool)
     if not number or not 0.0 <= sigmas < math.inf:
         raise ValueError("shield_sigmas must be a finite number of at least 0")
+
+
+def _check_names(flies: Any) -> None:
+    """ValueError unless these are names of scenarios."""
+    if not isinstance(flies, list) or not all(isinstance(name, str) for name in flies):
+        raise ValueError("flies must be a list of names of scenarios")
 
 
 def _read_card(path: Path) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from agents import planning, rules
+from agents import planning, rules, shipped
 from agents.learned import LearnedPolicy, is_agent
 from agents.policy import Policy
 from passloc_env.errors import InputError, unknown_name
@@ -38,6 +38,9 @@ _PLANNERS: dict[str, Callable[..., Policy]] = {
 
 _POLICIES = {**_RULES, **_PLANNERS}
 
+_LEARNED, _AGENT = "learned", "agent:"
+"""The shipped agent made for the scenario, and what stands before the name of any."""
+
 _WORDS = ("objective", "over")
 """Parameters whose values are words; all others are numbers."""
 
@@ -59,14 +62,19 @@ def find_policy(text: str, scenario: Scenario) -> Policy:
     """A policy from its name or from the path of a trained agent.
 
     Args:
-        text: a rule or planner, with parameters after colons (``zigzag:angle=45:leg=80``, ``horizon:objective=D``), or
-            a run folder or agent file.
+        text: a rule or planner, with parameters after colons (``zigzag:angle=45:leg=80``, ``horizon:objective=D``),
+            a shipped agent (``learned``: the one made for the scenario; ``agent:BearingsOnly``: the one of that name),
+            or a run folder or agent file.
         scenario: the problem it is to be flown on.
 
     Raises:
         PolicyError: no such rule, planner or agent (with the closest name), a rule that nothing in the scenario can
             follow, an impossible parameter, or an agent that does not fit the scenario.
     """
+    if text == _LEARNED:
+        return shipped.learned(scenario)
+    if text.startswith(_AGENT):
+        return shipped.load(text.removeprefix(_AGENT), scenario)
     name, *settings = text.split(":")
     if name not in _POLICIES:
         if text and is_agent(Path(text)):

@@ -10,7 +10,7 @@ import tyro
 
 from passloc_env.errors import InputError
 from training.arguments import free_path, parse_overrides, read_scenario
-from training.commands import Bench, Demo, Evaluate, List, Observe, Reproduce, Train
+from training.commands import Ablate, Bench, Card, Demo, Evaluate, Leaderboard, List, Observe, Reproduce, Train, Tune
 
 Command = (
     Annotated[List, tyro.conf.subcommand("list")]
@@ -19,6 +19,10 @@ Command = (
     | Annotated[Observe, tyro.conf.subcommand("observe")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Tune, tyro.conf.subcommand("tune")]
+    | Annotated[Ablate, tyro.conf.subcommand("ablate")]
+    | Annotated[Leaderboard, tyro.conf.subcommand("leaderboard")]
+    | Annotated[Card, tyro.conf.subcommand("card")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
 )
 
@@ -94,6 +98,30 @@ def _reproduce(arguments: Reproduce) -> None:
     reproduce(arguments)
 
 
+def _tune(arguments: Tune) -> None:
+    from training.tune import tune
+
+    tune(arguments)
+
+
+def _ablate(arguments: Ablate) -> None:
+    from training.ablation import ablate
+
+    ablate(arguments)
+
+
+def _leaderboard(arguments: Leaderboard) -> None:
+    from training.leaderboard import leaderboard
+
+    leaderboard(arguments)
+
+
+def _card(arguments: Card) -> None:
+    from training.card import card
+
+    card(arguments)
+
+
 def _bench(arguments: Bench) -> None:
     from training.benchmark import run
 
@@ -107,6 +135,10 @@ _RUN: dict[type, Callable[[Any], None]] = {
     Observe: _observe,
     Reproduce: _reproduce,
     Demo: _demo,
+    Tune: _tune,
+    Ablate: _ablate,
+    Leaderboard: _leaderboard,
+    Card: _card,
     Bench: _bench,
 }
 

@@ -130,8 +130,8 @@ class Demo:
 
     out: Path | None = None
     """Where everything goes; by default runs/demo, numbered when that exists."""
-    decisions: int | None = None
-    """Decisions to train for; by default as the hyperparameters say."""
+    decisions: int = 2_000_000
+    """Decisions to train for; a minute or two, a quarter of what the shipped agent got."""
     episodes: int = 1024
     """Unseen episodes per policy."""
     seed: int = 0
@@ -195,14 +195,40 @@ class Leaderboard:
 
     scenarios: str = ""
     """Scenarios separated by commas; by default all."""
+    policies: str = ""
+    """Policies separated by commas, the first is the reference; by default rules, planners, shipped agents and the
+    trajectory optimum, which is called optimum here."""
     episodes: int = 1000
     """Episodes per policy."""
     seed: int = EVALUATION_SEED
     """Seed of the first episode; the others count up from it."""
     out: Path = Path("docs/leaderboard")
-    """Folder of the page, its pictures and the results that it is made from."""
+    """Folder of the page and its pictures; a page that is there is replaced."""
+    cache: Path = Path("runs/leaderboard")
+    """Folder of the results per episode; what is there and was flown in the same way is not flown again."""
     fresh: bool = False
-    """Judge everything again, also what is there."""
+    """Fly everything again, also what is there: after a change of the code."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """Judge an agent on unseen episodes, write the scores into its card, and ship it with the package.
+
+    Examples:
+        passloc card runs/BearingsOnly-0
+        passloc card runs/BearingsOnly-0 --scenarios BearingsOnly,BearingsOnlyFar --name BearingsOnly
+    """
+
+    run: Positional[Path]
+    """Run folder or agent file; its card is replaced."""
+    scenarios: str = ""
+    """Scenarios that it is for, separated by commas; by default the one it was trained on."""
+    episodes: int = 1000
+    """Episodes per scenario."""
+    seed: int = EVALUATION_SEED
+    """Seed of the first episode; the others count up from it."""
+    name: str = ""
+    """Also put it among the shipped agents, by this name."""
 
 
 @dataclass(frozen=True)

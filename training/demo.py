@@ -28,8 +28,7 @@ def demo(arguments: Demo) -> Evaluation:
     """Train a few minutes, evaluate on unseen seeds, print the table, save it and the pictures."""
     scenario = find(_SCENARIO)
     parameters = Hyperparameters.for_scenario(scenario.name)
-    if arguments.decisions is not None:
-        parameters = dataclasses.replace(parameters, decisions=arguments.decisions)
+    parameters = dataclasses.replace(parameters, decisions=arguments.decisions)
     if arguments.episodes < 1:
         raise InputError(f"episodes = {arguments.episodes} is not possible: must be at least 1")
     folder = new_folder(arguments.out, "demo")

@@ -7,7 +7,7 @@ import functools
 import json
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -107,12 +107,28 @@ def evaluate(
         raise InputError(f"episodes = {episodes} is not possible: must be at least 1")
     if seed < 0:
         raise InputError(f"seed = {seed} is not possible: must be at least 0")
-    bootstrap = Bootstrap(episodes)
     names = _unique([policy.name for policy in policies])
     scores: dict[str, Scores] = {}
     seconds: dict[str, float] = {}
     for name, policy in zip(names, policies, strict=True):
         scores[name], seconds[name] = fly(scenario, policy, episodes, seed, functools.partial(progress, name))
+    return compare(scenario, scores, seconds, seed)
+
+
+def compare(
+    scenario: Scenario, scores: dict[str, Scores], seconds: Mapping[str, float], seed: int = EVALUATION_SEED
+) -> Evaluation:
+    """The evaluation that follows from episodes flown now or earlier.
+
+    Args:
+        scenario: the problem.
+        scores: of each policy by its name, all on the same episodes; the first is the reference.
+        seconds: per decision, what each policy took.
+        seed: of the first episode.
+    """
+    names = list(scores)
+    episodes = len(scores[names[0]].log_range_bound)
+    bootstrap = Bootstrap(episodes)
     tracked, true = (state_layout(scenario, motion) for motion in (scenario.tracker.motion, scenario.target.motion))
     states = len(tracked.shared_rows(true))
     verdicts = [_judge(name, scores[name], scores[names[0]], seconds[name], states, bootstrap) for name in names]

@@ -1,0 +1,146 @@
+"""The board as a page: a summary, then one section per variant with its table and its picture."""
+
+from __future__ import annotations
+
+import functools
+import math
+import shlex
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from training.commands import EVALUATION_SEED, Leaderboard
+from training.evaluate import Evaluation, Verdict
+from training.leaderboard.picture import MANY_VIOLATIONS, draw
+from training.statistics import Bootstrap
+from training.table import COLUMNS, _interval, notes, ranked, title
+
+if TYPE_CHECKING:
+    from training.leaderboard.board import Section
+
+_HEAD = """# Leaderboard
+
+Everybody flies the same unseen episodes of every scenario. The score is the log range bound: the mean over time of
+ln(σ_r / r), where σ_r is the Cramér–Rao bound on the range along the path flown and r the true range. Lower is better:
+0.1 less is a range that could be known 10 % better all the time. It judges the path alone; what the tracker made of it
+is in the end error.
+
+*Rules, planners and learned agents* see the belief and nothing else. Policies with *truth* in their name are told what
+nobody can know: a planner with *-truth* knows where the emitter is now, the *trajectory optimum* all of its future.
+They show how much room is left; the optimum is heuristic, found by gradient from several starts. Brackets are 95 %
+intervals, paired where one policy is compared with another. In the pictures the dotted line is the reference and the
+dashed one the optimum. Hollow markers: violations of the keep-out in more than 1 % of the episodes; such a bound was
+bought by flying where one must not."""
+
+_IN_KILOMETRES = ("OwnShipModerate", "OwnShipSevere")
+"""Scenarios whose literature reports the position error at the end."""
+
+_SHARED_BEFORE = ("end error, %",)
+_SHARED_AFTER = ("violations, %", "lost, %", "RMS / bound", "ANEES", "ms/decision")
+_PERCENTILES = {"median": 50, "p95": 95, "p99": 99}
+
+Column = Callable[[Verdict], str]
+
+
+def write(sections: Sequence[Section], arguments: Leaderboard) -> list[Path]:
+    """Write ``index.md`` and a picture per variant; what was written."""
+    written = []
+    for section in sections:
+        path = arguments.out / f"{section.variant.name}.png"
+        draw(section.variant.title, section.evaluation, section.entrants, path)
+        written.append(path)
+    page = arguments.out / "index.md"
+    parts = [_HEAD, f"```sh\n{_command(arguments)}\n```", _summary(sections), *(_section(part) for part in sections)]
+    partial = page.with_name(page.name + ".partial")
+    partial.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    partial.replace(page)
+    return [page, *written]
+
+
+def _summary(sections: Sequence[Section]) -> str:
+    """The best policy of each variant that knows no more than it may and keeps out of where it must not be."""
+    header = ("scenario", "best policy", "log range bound", "reference", "minus reference's", "optimum", "of the room")
+    rows = [_summary_row(section) for section in sections]
+    low = 100.0 * MANY_VIOLATIONS
+    explained = (
+        f"Best of those that see the belief alone and violate in at most {low:g} % of the episodes, chosen on these "
+        f"very episodes. Of the room: how much of the way from the reference to the optimum it goes."
+    )
+    return f"{_table(header, rows)}\n\n*{explained}*"
+
+
+def _summary_row(section: Section) -> tuple[str, ...]:
+    kinds = {entrant.name: entrant.kind for entrant in section.entrants}
+    verdicts = ranked(section.evaluation)
+    fair = [
+        verdict
+        for verdict in verdicts
+        if kinds[verdict.policy] in ("rule", "planner", "learned") and verdict.violations.value <= MANY_VIOLATIONS
+    ]
+    optimum = next((v.log_range_bound.value for v in verdicts if kinds[v.policy] == "optimum"), math.nan)
+    link = f"[{section.variant.title}](#{_anchor(section.variant.title)})"
+    known = "–" if math.isnan(optimum) else f"{optimum:.3f}"
+    reference = section.evaluation.reference
+    if not fair:
+        return link, "none", "–", reference, "–", known, "–"
+    best = fair[0]
+    room = best.advantage.value - best.log_range_bound.value + optimum
+    share = "–" if not room < 0.0 else f"{100.0 * best.advantage.value / room:.0f} %"
+    bound, gain = COLUMNS["log range bound"](best), _interval(best.advantage, 3)
+    return link, best.policy, bound, reference, gain, known, share
+
+
+def _section(section: Section) -> str:
+    evaluation, variant = section.evaluation, section.variant
+    columns = _columns(evaluation)
+    rows = [tuple(column(verdict) for column in columns.values()) for verdict in ranked(evaluation)]
+    remarks = [notes(evaluation), *section.notes]
+    parts = [
+        f"## {variant.title}",
+        f"{title(evaluation)}.",
+        f"![Log range bound of every policy on {variant.title}]({variant.name}.png)",
+        _table(tuple(columns), rows),
+        f"*{' '.join(remarks)}*",
+    ]
+    return "\n\n".join(parts)
+
+
+def _columns(evaluation: Evaluation) -> dict[str, Column]:
+    """The columns of a variant's table."""
+    columns: dict[str, Column] = {name: COLUMNS[name] for name in ("policy", "log range bound")}
+    columns[f"minus {evaluation.reference}'s"] = lambda verdict: _interval(verdict.advantage, 3)
+    columns |= {name: COLUMNS[name] for name in _SHARED_BEFORE}
+    if evaluation.scenario.name in _IN_KILOMETRES:
+        bootstrap = Bootstrap(evaluation.episodes)
+        columns["end error RMS, km"] = lambda verdict: _interval(verdict.end_rms, 2, 1e-3)
+        for name, percent in _PERCENTILES.items():
+            columns[f"{name}, km"] = functools.partial(_kilometres, evaluation, bootstrap, percent)
+    return columns | {name: COLUMNS[name] for name in _SHARED_AFTER}
+
+
+def _kilometres(evaluation: Evaluation, bootstrap: Bootstrap, percent: float, verdict: Verdict) -> str:
+    errors = evaluation.scores[verdict.policy].end_position_error
+    return _interval(bootstrap.estimate(errors, functools.partial(np.percentile, q=percent)), 2, 1e-3)
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [header, [":--"] + ["--:"] * (len(header) - 1), *rows]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
+
+
+def _anchor(heading: str) -> str:
+    """How Markdown links to a heading."""
+    return "".join(letter for letter in heading.lower().replace(" ", "-") if letter.isalnum() or letter in "-_")
+
+
+def _command(arguments: Leaderboard) -> str:
+    """What to type to make this page again."""
+    words = ["passloc", "leaderboard", "--episodes", str(arguments.episodes), "--out", arguments.out.as_posix()]
+    if arguments.seed != EVALUATION_SEED:
+        words += ["--seed", str(arguments.seed)]
+    for option in ("scenarios", "policies"):
+        if getattr(arguments, option):
+            words += [f"--{option}", getattr(arguments, option)]
+    return shlex.join(words)
