@@ -8,7 +8,9 @@ from typing import NoReturn
 
 from passloc_env.shadowing import OURS, explain, shadowed
 
-TRAIN_MODULES = frozenset({"rich", "safetensors", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro"})
+TRAIN_MODULES = frozenset(
+    {"optuna", "rich", "safetensors", "sqlalchemy", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro"}
+)
 """Import names of what the ``train`` extra installs."""
 
 

@@ -7,7 +7,7 @@ import inspect
 import numpy as np
 import pytest
 
-from agents import PLANNER_NAMES, RULE_NAMES, TruthKnowing, find_policy
+from agents import PLANNER_NAMES, RULE_NAMES, TruthKnowing, find_policy, rules_for
 from passloc_env import SCENARIOS, LocalisationVectorEnv, belief
 from passloc_env.errors import InputError
 from passloc_env.target import PolarStart
@@ -130,7 +130,9 @@ def test_planners_see_the_belief(planner):
 
 
 def test_rules_are_never_told():
-    assert not any(isinstance(find_policy(name, SCENARIOS["OwnShipModerate"]), TruthKnowing) for name in RULE_NAMES)
+    found = [find_policy(name, scenario) for scenario in SCENARIOS.values() for name in rules_for(scenario)]
+    assert {policy.name.split()[0] for policy in found} == set(RULE_NAMES)
+    assert not any(isinstance(policy, TruthKnowing) for policy in found)
 
 
 def test_belief_has_no_word_for_the_truth():

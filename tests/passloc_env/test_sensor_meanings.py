@@ -266,7 +266,7 @@ def scenario_with(sensor: Sensor, dimension: int) -> Scenario:
         (PHASE(axis=3), 3, "sensors.0.axis"),
         (PHASE(misalignment_sigma=1e-3), 2, "sensors.0.misalignment_sigma"),
         (TimeDifference(sigma=1e-7, other_lever_arm=(1.0, 2.0, 3.0)), 2, "sensors.0.other_lever_arm"),
-        (TimeDifference(sigma=1e-7, other=2), 2, "sensors.0.platform"),
+        (TimeDifference(sigma=1e-7, other=2), 2, "sensors.0.other"),
         (TimeDifference(sigma=1e-7, platform=2), 2, "sensors.0.platform"),
     ],
 )
