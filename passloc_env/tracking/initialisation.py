@@ -143,8 +143,31 @@ def blank(look: FirstLook, acceleration_sigma: Number, environments: int) -> tup
     return mean, covariance
 
 
+@abstract
+class CourselessPrior(BearingPrior):
+    """Base of bearing priors that know nothing of a course: the velocity is as uncertain along every axis."""
+
+    range_sigma: Number
+    velocity_sigma: Number
+    acceleration_sigma: Number
+
+    def at_truth(self, look: FirstLook) -> Array:
+        """At the true bearing, with the cross-range uncertainty of the true range."""
+        _, sigma = self._first_bearing(look)
+        bearing, distance = self._truth_seen(look)
+        return self._spread(look, bearing, distance * sigma)[1]
+
+    def _spread(self, look: FirstLook, bearing: Array, across: Array) -> tuple[Array, Array]:
+        mean, covariance = blank(look, self.acceleration_sigma, len(bearing))
+        layout = look.layout
+        covariance[layout.position, layout.position] = polar_covariance(bearing, self.range_sigma, across)
+        for row in range(layout.velocity.start, layout.velocity.stop):
+            covariance[row, row] = np.square(self.velocity_sigma)
+        return mean, covariance
+
+
 @dataclass(frozen=True, kw_only=True)
-class RangePrior(BearingPrior):
+class RangePrior(CourselessPrior):
     """A broad guess: somewhere along the first bearing, with any velocity.
 
     ``p = own + r u(θ₁)``, ``cov = σ_r² u uᵀ + (r σ_θ)² t tᵀ``, ``v = 0 ± σ_v`` per axis.
@@ -161,20 +184,6 @@ class RangePrior(BearingPrior):
         bearing, sigma = self._first_bearing(look)
         mean, covariance = self._spread(look, bearing, self.range * sigma)
         mean[look.layout.position] = self._origin(look) + self.range * direction(bearing)
-        return mean, covariance
-
-    def at_truth(self, look: FirstLook) -> Array:
-        """At the true bearing, with the cross-range uncertainty of the true range."""
-        _, sigma = self._first_bearing(look)
-        bearing, distance = self._truth_seen(look)
-        return self._spread(look, bearing, distance * sigma)[1]
-
-    def _spread(self, look: FirstLook, bearing: Array, across: Array) -> tuple[Array, Array]:
-        mean, covariance = blank(look, self.acceleration_sigma, len(bearing))
-        layout = look.layout
-        covariance[layout.position, layout.position] = polar_covariance(bearing, self.range_sigma, across)
-        for row in range(layout.velocity.start, layout.velocity.stop):
-            covariance[row, row] = np.square(self.velocity_sigma)
         return mean, covariance
 
 

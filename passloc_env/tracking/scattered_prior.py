@@ -10,11 +10,11 @@ from passloc_env.angles import direction
 from passloc_env.arrays import Array, Number
 from passloc_env.fields import count, quantity
 from passloc_env.layout import StateLayout
-from passloc_env.tracking.initialisation import BearingPrior, FirstLook, blank, polar_covariance
+from passloc_env.tracking.initialisation import CourselessPrior, FirstLook
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScatteredPrior(BearingPrior):
+class ScatteredPrior(CourselessPrior):
     """Range, velocity and acceleration drawn around the truth; the direction is the first bearing.
 
     ``cov = σ_r² u uᵀ + (r σ_θ)² t tᵀ`` for the position, ``σ_v²`` and ``σ_a²`` per axis.
@@ -40,18 +40,4 @@ class ScatteredPrior(BearingPrior):
         mean[layout.position] = self._origin(look) + distance * direction(bearing)
         for row, normal in zip(range(layout.dimension, layout.kinematic.stop), look.normals[1:], strict=True):
             mean[row] = look.truth[row] + np.sqrt(covariance[row, row]) * normal
-        return mean, covariance
-
-    def at_truth(self, look: FirstLook) -> Array:
-        """At the true bearing and range."""
-        _, sigma = self._first_bearing(look)
-        bearing, distance = self._truth_seen(look)
-        return self._spread(look, bearing, distance * sigma)[1]
-
-    def _spread(self, look: FirstLook, bearing: Array, across: Array) -> tuple[Array, Array]:
-        mean, covariance = blank(look, self.acceleration_sigma, len(bearing))
-        layout = look.layout
-        covariance[layout.position, layout.position] = polar_covariance(bearing, self.range_sigma, across)
-        for row in range(layout.velocity.start, layout.velocity.stop):
-            covariance[row, row] = np.square(self.velocity_sigma)
         return mean, covariance
