@@ -16,7 +16,8 @@ from training.statistics import Estimate
 _POLICY, _CONSISTENCY = "policy", "ANEES"
 
 
-def _interval(estimate: Estimate, digits: int, scale: float = 1.0) -> str:
+def with_interval(estimate: Estimate, digits: int, scale: float = 1.0) -> str:
+    """A value times a scale and, in brackets, its interval."""
     value, low, high = (scale * number for number in (estimate.value, estimate.low, estimate.high))
     return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
@@ -28,12 +29,12 @@ def _digits(value: float) -> int:
 
 COLUMNS: dict[str, Callable[[Verdict], str]] = {
     _POLICY: lambda v: v.policy,
-    "log range bound": lambda v: _interval(v.log_range_bound, 3),
-    "end error, %": lambda v: _interval(v.end_error, 2, 100.0),
-    "end error, m": lambda v: _interval(v.end_position_error, _digits(v.end_position_error.value)),
-    "time to 10 %, s": lambda v: _interval(v.time_to_10, 0),
-    "violations, %": lambda v: _interval(v.violations, 1, 100.0),
-    "lost, %": lambda v: _interval(v.lost, 1, 100.0),
+    "log range bound": lambda v: with_interval(v.log_range_bound, 3),
+    "end error, %": lambda v: with_interval(v.end_error, 2, 100.0),
+    "end error, m": lambda v: with_interval(v.end_position_error, _digits(v.end_position_error.value)),
+    "time to 10 %, s": lambda v: with_interval(v.time_to_10, 0),
+    "violations, %": lambda v: with_interval(v.violations, 1, 100.0),
+    "lost, %": lambda v: with_interval(v.lost, 1, 100.0),
     "RMS / bound": lambda v: f"{v.efficiency:.2f}",
     _CONSISTENCY: lambda v: f"{v.anees:.2f}" if v.anees < 100.0 else f"{v.anees:.0e}",
     "ms/decision": lambda v: f"{v.milliseconds_per_decision:.4f}",

@@ -167,7 +167,9 @@ def test_everybody_finds_a_place(variant):
     assert {entrant.kind for entrant in found} <= set(COLOURS)
     for entrant in found:
         assert ("truth" in entrant.name) == (entrant.kind in ("truth", "optimum"))
-    assert (NAME in names) != any(note.startswith(f"Without {OPTIMUM}") for note in notes)
+    refused = any(note.startswith(f"Without {OPTIMUM}") for note in notes)
+    assert (NAME in names or refused) == any(name.startswith("greedy-truth") for name in planners(variant))
+    assert not (NAME in names and refused)
     assert bool(planners(variant)) == bool(variant.scenario.action_size)
 
 

@@ -15,7 +15,7 @@ from training.commands import EVALUATION_SEED, Leaderboard
 from training.evaluate import Evaluation, Verdict
 from training.leaderboard.picture import MANY_VIOLATIONS, draw
 from training.statistics import Bootstrap
-from training.table import COLUMNS, _interval, notes, ranked, title
+from training.table import COLUMNS, notes, ranked, title, with_interval
 
 if TYPE_CHECKING:
     from training.leaderboard.board import Section
@@ -88,7 +88,7 @@ def _summary_row(section: Section) -> tuple[str, ...]:
     best = fair[0]
     room = best.advantage.value - best.log_range_bound.value + optimum
     share = "–" if not room < 0.0 else f"{100.0 * best.advantage.value / room:.0f} %"
-    bound, gain = COLUMNS["log range bound"](best), _interval(best.advantage, 3)
+    bound, gain = COLUMNS["log range bound"](best), with_interval(best.advantage, 3)
     return link, best.policy, bound, reference, gain, known, share
 
 
@@ -110,11 +110,11 @@ def _section(section: Section) -> str:
 def _columns(evaluation: Evaluation) -> dict[str, Column]:
     """The columns of a variant's table."""
     columns: dict[str, Column] = {name: COLUMNS[name] for name in ("policy", "log range bound")}
-    columns[f"minus {evaluation.reference}'s"] = lambda verdict: _interval(verdict.advantage, 3)
+    columns[f"minus {evaluation.reference}'s"] = lambda verdict: with_interval(verdict.advantage, 3)
     columns |= {name: COLUMNS[name] for name in _SHARED_BEFORE}
     if evaluation.scenario.name in _IN_KILOMETRES:
         bootstrap = Bootstrap(evaluation.episodes)
-        columns["end error RMS, km"] = lambda verdict: _interval(verdict.end_rms, 2, 1e-3)
+        columns["end error RMS, km"] = lambda verdict: with_interval(verdict.end_rms, 3, 1e-3)
         for name, percent in _PERCENTILES.items():
             columns[f"{name}, km"] = functools.partial(_kilometres, evaluation, bootstrap, percent)
     return columns | {name: COLUMNS[name] for name in _SHARED_AFTER}
@@ -122,7 +122,7 @@ def _columns(evaluation: Evaluation) -> dict[str, Column]:
 
 def _kilometres(evaluation: Evaluation, bootstrap: Bootstrap, percent: float, verdict: Verdict) -> str:
     errors = evaluation.scores[verdict.policy].end_position_error
-    return _interval(bootstrap.estimate(errors, functools.partial(np.percentile, q=percent)), 2, 1e-3)
+    return with_interval(bootstrap.estimate(errors, functools.partial(np.percentile, q=percent)), 3, 1e-3)
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
