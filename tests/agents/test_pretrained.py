@@ -64,6 +64,14 @@ def rate_agrees(count, written, again):
     return not (too_many or too_few)
 
 
+def test_agents_are_shipped_and_small():
+    """A few hundred kilobytes in all."""
+    assert {"BearingDopplerCase1b", "BearingDopplerCase2b", "RadialAcceleration", "DualArray"} <= set(
+        shipped.shipped_agents()
+    )
+    assert sum(path.stat().st_size for path in shipped.FOLDER.rglob("*") if path.is_file()) < 1_000_000
+
+
 @pytest.mark.parametrize("name", shipped.shipped_agents())
 def test_shipped_agents_are_as_good_as_their_cards_say(name):
     agent = AgentFile.load(shipped.FOLDER / name)
