@@ -17,10 +17,10 @@ from typing import Any, cast
 import yaml
 
 from passloc_env.belief import BeliefFeatures
-from passloc_env.component import Component, concrete, from_dict, to_dict
+from passloc_env.component import Component, concrete, from_dict, specs, to_dict
 from passloc_env.distributions import Uniform, extremes
 from passloc_env.errors import ScenarioError
-from passloc_env.fields import count, flag, part, parts, quantity, text
+from passloc_env.fields import Count, count, flag, part, parts, quantity, text
 from passloc_env.motion import ConstantVelocity, Motion
 from passloc_env.overrides import override
 from passloc_env.platforms import FixedStation, Platform, TurnLimitedPlatform
@@ -170,9 +170,8 @@ class Scenario(Component):
         for index, sensor in enumerate(self.sensors):
             for platform in sensor.platforms:
                 if platform > last:
-                    names = [name for name in sensor.platform_fields if getattr(sensor, name) == platform]
                     allowed = f"there is no such platform; known: 0 … {last}"
-                    raise ScenarioError(f"sensors.{index}.{(*names, 'platform')[0]}", platform, allowed)
+                    raise ScenarioError(f"sensors.{index}.{_platform_field(sensor, platform)}", platform, allowed)
             if len(sensor.lever_arm) not in (0, self.dimension):
                 allowed = f"must be empty or have {self.dimension} axes"
                 raise ScenarioError(f"sensors.{index}.lever_arm", sensor.lever_arm, allowed)
@@ -189,9 +188,8 @@ class Scenario(Component):
         except ScenarioError as error:
             if error.field == "sensor":
                 free = [name for name, kind in concrete(Prior).items() if not issubclass(kind, BearingPrior)]
-                error = ScenarioError(
-                    "sensor", error.value, f"{error.allowed}; priors that need no bearing: {', '.join(free)}"
-                )
+                allowed = f"{error.allowed}; priors that need no bearing: {', '.join(free)}"
+                error = ScenarioError("sensor", error.value, allowed)
             raise error.inside("prior") from None
 
     def _check_models(self) -> None:
@@ -277,6 +275,14 @@ class Scenario(Component):
     def replace(self, **fields: Any) -> Scenario:
         """A copy with whole fields replaced."""
         return dataclasses.replace(self, **fields)
+
+
+def _platform_field(sensor: Sensor, platform: int) -> str:
+    """The field in which a sensor names a platform, be it a further one of several."""
+    if sensor.platform == platform:
+        return "platform"
+    numbers = {name: getattr(sensor, name) for name, spec in specs(type(sensor)).items() if isinstance(spec, Count)}
+    return next((name for name, number in numbers.items() if number == platform), "platform")
 
 
 def _closest_start(start: Any, platform: Platform) -> float | None:

@@ -134,6 +134,7 @@ def _ticks(low: float, high: float) -> Locator:
 def _draw_platform(axes: Axes, survey: Survey, chart: _Map, index: int) -> None:
     """Where a platform went, its number at the start when there are several, and where it listens."""
     flown = chart.project(np.concatenate([poses[index].position for poses in survey.path], axis=1))
+    begin = float(flown[0, 0]), float(flown[1, 0])
     colour, line = _PLATFORMS[index % len(_PLATFORMS)]
     several = len(survey.scenario.platforms) > 1
     label = f"platform {index}" if several else "observer"
@@ -141,17 +142,16 @@ def _draw_platform(axes: Axes, survey: Survey, chart: _Map, index: int) -> None:
     inside &= (flown[1] - chart.along[0]) * (flown[1] - chart.along[-1]) <= 0.0
     axes.plot(*flown, color="white", lw=4.0)
     axes.plot(*flown, line, color=colour, lw=2.0, label=label if inside.any() else f"{label} (outside the map)")
-    axes.plot(*flown[:, :1], "o", color=colour, mec="white", ms=12 if several else 8, zorder=3)
+    axes.plot(*begin, "o", color=colour, mec="white", ms=12 if several else 8, zorder=3)
     if several and inside[0]:
-        axes.text(
-            flown[0, 0], flown[1, 0], f"{index}", color="white", size=8, ha="center", va="center_baseline", zorder=4
-        )
-    mounts = [arm for sensor in survey.simulation.realised.sensors for place, arm in sensor.places if place == index]
-    arms = [tuple(float(np.ravel(axis)[0]) for axis in arm) for arm in mounts if arm]
-    for arm in dict.fromkeys(arms):
-        for poses, name in ((survey.path[0], "lever arm at start and end"), (survey.path[-1], None)):
-            ends = [poses[index].position, poses[index].mounted(arm).position]
-            axes.plot(*chart.project(np.concatenate(ends, axis=1)), "s-", color="white", mec=colour, ms=5, label=name)
+        axes.text(*begin, f"{index}", color="white", size=8, ha="center", va="center_baseline", zorder=4)
+    name: str | None = "lever arm at start and end"
+    arms = [arm for sensor in survey.simulation.realised.sensors for place, arm in sensor.places if place == index]
+    for arm in filter(None, arms):
+        for pose in (survey.path[0][index], survey.path[-1][index]):
+            ends = np.concatenate([pose.position, pose.mounted(arm).position], axis=1)
+            axes.plot(*chart.project(ends), "s-", color="white", mec=colour, ms=5, label=name)
+            name = None
 
 
 def _draw_emitter(axes: Axes, survey: Survey, chart: _Map) -> None:

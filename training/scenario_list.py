@@ -35,6 +35,6 @@ def print_scenarios(console: Console) -> None:
     for scenario in SCENARIOS.values():
         followed.setdefault(rules_for(scenario), []).append(scenario.name)
     for rules, names in followed.items():
-        console.print(f"rules for {', '.join(names)}:", highlight=False)
+        console.print(f"rules for {', '.join(names)}:", highlight=False, soft_wrap=True)
         console.print(Padding(", ".join(rules), _INDENT), highlight=False)
     console.print(f"planners: {', '.join(PLANNER_NAMES)}", highlight=False)

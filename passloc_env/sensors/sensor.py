@@ -30,9 +30,6 @@ class Sensor(Component):
     angular: tuple[bool, ...] = (False,)
     """Which of them are angles, to be compared around the circle."""
 
-    platform_fields: tuple[str, ...] = ("platform",)
-    """The fields that name the platforms of :attr:`places`."""
-
     noise_law: str = "gaussian"
     """``"gaussian"``, or ``"uniform"`` for errors that are equally likely within ``√3`` standard deviations."""
 

@@ -16,8 +16,6 @@ from passloc_env.units import SPEED_OF_LIGHT
 class TimeDifference(Sensor):
     """How much later a pulse reaches the other platform, ``τ = (r_other − r)/c``, s (paper 001, eq. 2)."""
 
-    platform_fields = ("platform", "other")
-
     sigma: Number = quantity("standard deviation", unit="s", above=0)
     platform: int = count("index of the first platform", 0)
     other: int = count("index of the other platform", 1)

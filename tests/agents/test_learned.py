@@ -137,12 +137,12 @@ def test_what_is_meant_as_an_agent(tmp_path):
     assert not is_agent(tmp_path / "circle")
 
 
-@pytest.mark.parametrize("name", [CARD, WEIGHTS])
-def test_a_missing_file(folder, name):
+@pytest.mark.parametrize(("name", "words"), [(CARD, "is not a run folder"), (WEIGHTS, "cannot read")])
+def test_a_missing_file(folder, name, words):
     (folder / name).unlink()
     message = refusal(folder)
+    assert words in message
     assert name in message
-    assert ("is not a run folder" if name == CARD else "cannot read") in message
 
 
 def test_a_missing_folder(tmp_path):

@@ -448,7 +448,7 @@ def test_it_can_be_written_down():
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        ({"sensors.3.other": 2}, "sensors.3.platform = 2 is not possible: there is no such platform"),
+        ({"sensors.3.other": 2}, "sensors.3.other = 2 is not possible: there is no such platform"),
         ({"sensors.1.lever_arm": [1.0, 2.0]}, "sensors.1.lever_arm = .* 3 axes"),
         ({"platforms.0.max_yaw_rate": 0}, "platforms.0.max_yaw_rate = 0 .* above 0 rad/s"),
         ({"target.start.position": [0, 0], "target.start.velocity": [1, 1]}, "must have 2 axes like the emitter"),

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from passloc_env.errors import ScenarioError
 from passloc_env.platforms import FixedStation, TurnLimitedPlatform
 from passloc_env.scenario import Episode, Scenario
 from passloc_env.scenarios import SCENARIOS
-from passloc_env.sensors import Bearing
+from passloc_env.sensors import Bearing, Sensor
 
 Refusal = Callable[..., ScenarioError]
 CONCRETE = {
@@ -172,6 +173,25 @@ def test_bad_data_is_refused_by_name(data: Any, field: str, value: Any, words: s
     assert error.field == field
     assert error.value == value
     assert words in error.allowed
+
+
+def test_only_types_that_would_fit_are_suggested(refusal: Refusal) -> None:
+    """Thirty-odd components exist; a sensor is one of five."""
+    allowed = refusal(Scenario.from_dict, {"sensors": [{"type": "Dopler"}]}).allowed
+    assert "did you mean 'Doppler'?" in allowed
+    known = allowed.split("known: ")[1].split(", ")
+    assert {"Bearing", "Doppler", "PhaseDifference", "RadialAcceleration", "TimeDifference"} <= set(known)
+    assert all(issubclass(Component.registry[name], Sensor) for name in known)
+
+
+@pytest.mark.parametrize("suffix", [".json", ".yaml"])
+@pytest.mark.parametrize("text", ["", "[1", "[1]"])
+def test_a_file_that_is_no_scenario_is_named(tmp_path: Path, suffix: str, text: str, refusal: Refusal) -> None:
+    """The file, not what little of it there is."""
+    path = tmp_path / f"mine{suffix}"
+    path.write_text(text, encoding="utf-8")
+    error = refusal(Scenario.from_file, path)
+    assert (error.field, error.value) == ("scenario", str(path))
 
 
 @pytest.mark.parametrize(

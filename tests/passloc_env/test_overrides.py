@@ -164,8 +164,6 @@ def test_bad_changes_are_refused_by_name(
 
 def test_class_names_must_be_unique(refusal: Refusal) -> None:
     twins = Scenario().override({"sensors": [Bearing(sigma=1.0), Bearing(sigma=2.0)]})
-    assert (
-        refusal(twins.override, {"sensors.Bearing.sigma": 3.0}).allowed
-        == "there are several Bearing; name one by number: 0, 1"
-    )
+    allowed = refusal(twins.override, {"sensors.Bearing.sigma": 3.0}).allowed
+    assert allowed == "there are several Bearing; name one by number: 0, 1"
     assert twins.override({"sensors.1.sigma": 3.0}).sensors == (Bearing(sigma=1.0), Bearing(sigma=3.0))

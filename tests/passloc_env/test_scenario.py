@@ -14,7 +14,7 @@ from passloc_env.platforms import FixedStation, TurnLimitedPlatform
 from passloc_env.rewards import RangeBound
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS, environment_id, find
-from passloc_env.sensors import Doppler
+from passloc_env.sensors import Bearing, Doppler, TimeDifference
 from passloc_env.simulation import Simulation
 from passloc_env.target import CartesianStart, PolarStart
 from passloc_env.tracking import StatePrior
@@ -34,6 +34,18 @@ STATION = {"platforms": [FixedStation(position=(0.0, 0.0))]}
     ("changes", "field", "words"),
     [
         pytest.param({"sensors.0.platform": 3}, "sensors.0.platform", "known: 0 … 0", id="no such platform"),
+        pytest.param(
+            {"sensors": [Bearing(sigma=1.0), TimeDifference(sigma=1.0, other=7)]},
+            "sensors.1.other",
+            "known: 0 … 0",
+            id="no such other platform",
+        ),
+        pytest.param(
+            {"sensors": [Doppler(sigma=1.0, carrier=1e9)]},
+            "prior.sensor",
+            "here []; priors that need no bearing: StatePrior, HeightPrior, PlacePrior",
+            id="no bearing for the prior",
+        ),
         pytest.param({"sensors.0.lever_arm": (1, 2, 3)}, "sensors.0.lever_arm", "have 2 axes", id="3-D lever arm"),
         pytest.param({"platforms.0.position": (1, 2, 3)}, "platforms.0.position", "2 axes", id="3-D platform"),
         pytest.param({"platforms.0.position": ()}, "platforms.0.position", "2 axes", id="platform nowhere"),

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,12 +12,14 @@ from rich.console import Console
 
 pytest.importorskip("stable_baselines3")
 
-from agents import RULE_NAMES
+from agents import rules_for
 from passloc_env import SCENARIOS
 from passloc_env.scenarios import environment_id
 from training import cli
+from training.scenario_pages import sensor_names, summary
 
 ROOT = Path(__file__).parents[2]
+UNWRITABLE = pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that nobody may write into")
 QUICK = ("--override", "episode.steps=8")
 YAML = "decisions: 64\nenvironments: 4\nrollout: 8\nbatch_size: 16\nepochs: 1\nnetwork: [4]\n"
 
@@ -66,15 +69,28 @@ def in_a_process(*words, module="training.cli"):
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300, check=False)
 
 
-def test_list_names_every_scenario_and_rule(passloc):
+def test_list_names_every_scenario_with_its_figures_and_rules(passloc):
     status, out, err = passloc("list")
     assert (status, err) == (0, "")
     lines = out.splitlines()
+    ends = set()
     for name, scenario in SCENARIOS.items():
-        (line,) = (line for line in lines if line.startswith(environment_id(name) + " "))
-        assert all(type(sensor).__name__ in line for sensor in scenario.sensors)
-        assert f"{scenario.episode.duration:.0f} s" in line
-    assert all(rule in out for rule in RULE_NAMES)
+        (number,) = (i for i, line in enumerate(lines) if line.startswith(environment_id(name) + " "))
+        figures, sensors = re.fullmatch(r"(\S+ +\d+ s +\d+ s)  (.*)", lines[number]).groups()
+        ends.add(len(figures))
+        assert figures.split()[1:] == f"{scenario.episode.duration:g} s {scenario.episode.interval:g} s".split()
+        assert sensors == sensor_names(scenario)
+        assert lines[number + 1].strip() == summary(scenario)
+        (number,) = (i for i, line in enumerate(lines) if re.match(rf"rules for .*\b{name}\b", line))
+        assert tuple(lines[number + 1].strip().split(", ")) == rules_for(scenario)
+    assert len(ends) == 1
+    assert "PhaseDifference ×4, TimeDifference" in out
+
+
+def test_results_make_their_folder(passloc, tmp_path):
+    words = ("evaluate", "--policies", "circle", "--episodes", "2", "--json", "new/deep/results.json")
+    assert passloc(*words, *QUICK)[0] == 0
+    assert [path.name for path in (tmp_path / "new" / "deep").iterdir()] == ["results.json"]
 
 
 def test_evaluate_prints_a_table_and_writes_the_file(passloc, tmp_path):
@@ -133,7 +149,7 @@ def test_train_then_evaluate_the_agent(passloc, tmp_path):
         (("evaluate", "--policies", "circle,"), "policy"),
         (("evaluate", "--policies", "zigzag:leg=x"), "name=number"),
         (("evaluate", "--policies", "legs"), "no legs were published"),
-        (("evaluate", "--policies", "./"), "agent.json"),
+        (("evaluate", "--policies", "./"), "is not a run folder"),
         (("evaluate", "--policies", "nowhere/agent.json"), "cannot read"),
         (("evaluate", "--override", "episode.stepz=8"), "did you mean 'steps'?"),
         (("evaluate", "--override", "episode.steps"), "dotted.name=value"),
@@ -142,7 +158,9 @@ def test_train_then_evaluate_the_agent(passloc, tmp_path):
         (("evaluate", "--episodes", "0"), "at least 1"),
         (("evaluate", "--episodes", "-3"), "at least 1"),
         (("evaluate", "--episodes", "2", "--policies", "circle", "--seed", "-1", *QUICK), "seed"),
-        (("evaluate", "--json", "/dev/null/results.json"), "/dev/null is not a folder"),
+        (("evaluate", "--json", "tiny.yaml/results.json"), "tiny.yaml is not a folder"),
+        pytest.param(("evaluate", "--json", "/proc/self/results.json"), "cannot be written into", marks=UNWRITABLE),
+        pytest.param(("train", "--out", "/proc/self/run"), "cannot be written into", marks=UNWRITABLE),
         (("evaluate", "--episodes", "2", "--policies", "circle", "--json", ".", *QUICK), "."),
         (("train", "--decisions", "0"), "decisions"),
         (("train", "--hyperparameters", "nowhere.yaml"), "cannot read"),

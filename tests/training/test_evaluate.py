@@ -52,6 +52,7 @@ def test_verdicts_follow_from_the_scores(evaluation):
             "time_to_5": np.mean(scores.time_to_5),
             "violations": np.mean(scores.violated),
             "lost": np.mean(scores.lost),
+            "end_position_error": np.median(scores.end_position_error),
             "end_rms": np.sqrt(np.mean(scores.end_position_error**2)),
         }
         for name, value in expected.items():
@@ -184,8 +185,39 @@ def test_tables_hold_every_policy_best_first(evaluation):
     assert "10 km" in notes(evaluation)
 
 
-@pytest.mark.parametrize("width", [80, 200])
+def test_errors_are_also_in_metres(evaluation):
+    """Three digits of the median, whatever its size."""
+    heading, _, *lines = markdown_table(evaluation).splitlines()
+    column = heading.split(" | ").index("end error, m")
+    for line, verdict in zip(lines, ranked(evaluation), strict=True):
+        shown = float(line.split(" | ")[column].split(" [")[0])
+        assert shown == pytest.approx(verdict.end_position_error.value, rel=5e-3)
+
+
+@pytest.fixture(scope="module")
+def crossing():
+    """Vehicles whose reward counts metres, under noise that is uniform."""
+    scenario = SCENARIOS["CrossFix"].override({"episode.steps": 20})
+    return evaluate(scenario, [find_policy(name, scenario) for name in ("straight", "fly-at", "circle")], EPISODES)
+
+
+def test_what_the_reward_counts_decides_the_order(evaluation, crossing):
+    """Vehicles that near the emitter must not look worse for their shorter range."""
+    metres = [verdict.end_position_error.value for verdict in ranked(crossing)]
+    assert metres == sorted(metres)
+    bounds = [verdict.log_range_bound.value for verdict in ranked(crossing)]
+    assert bounds != sorted(bounds)
+    words = notes(crossing)
+    assert "Sorted by the end error in metres" in words
+    assert "over the range of platform 0" in words
+    assert "Uniform noise has no such bound" in words
+    for absent in ("Sorted", "platform", "Uniform"):
+        assert absent not in notes(evaluation)
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 200])
 def test_terminal_table_fits_its_terminal(evaluation, width):
+    """No name and no number is cut; what has no room is said, and not explained."""
     output = io.StringIO()
     Console(width=width, file=output).print(rich_table(evaluation, width))
     text = output.getvalue()
@@ -193,3 +225,21 @@ def test_terminal_table_fits_its_terminal(evaluation, width):
     assert "…" not in text
     assert all(verdict.policy in text for verdict in evaluation.verdicts)
     assert f"{evaluation.verdicts[0].log_range_bound.value:.3f}" in text
+    words = " ".join(text.split())
+    hidden = words.split("No room for ")[1].split(":")[0].split(", ") if "No room for" in words else []
+    assert bool(hidden) == (width < 200)
+    assert ("ANEES per state" in words) == ("ANEES" not in hidden)
+    shown = [name for name in list(COLUMNS)[2:] if name.split(",")[0] not in hidden]
+    for verdict in evaluation.verdicts:
+        assert all(COLUMNS[name](verdict).split(" [")[0] in text for name in shown)
+
+
+def test_names_of_policies_are_never_cut():
+    """Broken between words at most: here the table is as wide as the terminal."""
+    scenario = SCENARIOS["BearingsOnly"].override({"episode.steps": 8})
+    found = evaluate(scenario, [find_policy(name, scenario) for name in ("perpendicular", "zigzag:angle=60")], 8)
+    for width in range(40, 120):
+        output = io.StringIO()
+        Console(width=width, file=output).print(rich_table(found, width))
+        assert "perpendicular" in output.getvalue()
+        assert "…" not in output.getvalue()

@@ -34,6 +34,20 @@ def assert_drawn(path: Path) -> None:
     assert len(np.unique(picture @ np.array([1.0, 300.0, 9e4]))) > 100
 
 
+def assert_weakest(out: str, survey: Survey) -> None:
+    """The printed direction is the survey's, in prior deviations, largest part first, nothing of weight left out."""
+    report, states = survey.rank(), survey.layout.names
+    found = re.search(r"weakest direction, one prior deviation \(σ\) along it: (.*)$", out, re.MULTILINE)
+    assert found
+    assert found[1].startswith(f"{report.weakest_name[0]} +")
+    printed = re.findall(r"([a-z_0-9 ]+) ([+-][0-9.]+)σ \(\S+ (?:m|m/s|m/s²|Hz|rad)\)(?:, |$)", found[1])
+    shares = {name: float(share) for name, share in printed}
+    deviations = report.weakest[:, 0] / np.sqrt(np.diagonal(survey.prior[..., 0]))
+    for row, state in enumerate(states):
+        # Two decimals are printed, of parts from a twentieth of the largest on.
+        assert deviations[row] == pytest.approx(shares.get(state, 0.0), abs=0.006 if state in shares else 0.05)
+
+
 @pytest.mark.parametrize(
     ("name", "rule"),
     [
@@ -56,9 +70,7 @@ def test_it_prints_draws_and_writes_a_survey(passloc: Passloc, tmp_path: Path, n
 
     assert f"{name}, flown by {policy.name}, seed 3" in out
     assert f"20 measurements determine {report.rank[0]} of {survey.layout.size} states" in out
-    scale = np.sqrt(np.diagonal(survey.prior[..., 0]))
-    weakest = _direction(report.weakest[:, 0], scale, survey.layout, survey.simulation.models.bound_nuisances)
-    assert f"weakest direction, one prior deviation (σ) along it: {weakest}" in out
+    assert_weakest(out, survey)
     assert "map of the bound over emitter positions: map.png" in out
     first, last = (f"{survey.position_bound[k]:.4g}" for k in (0, -1))
     rows = [line for line in out.splitlines() if line.count("│") == 5]
@@ -83,7 +95,7 @@ def test_the_fixed_station_of_case_1b_is_blind_to_the_range(passloc: Passloc) ->
     assert status == 0
     assert f"seed {EVALUATION_SEED}" in out
     assert "300 measurements determine 3 of 4 states; condition unbounded" in out
-    found = re.search(r"along it: east \+\S+σ \((\S+) m\), north \+\S+σ \((\S+) m\)$", out, re.MULTILINE)
+    found = re.search(r"along it: east \+0.71σ \((\S+) m\), north \+0.71σ \((\S+) m\)$", out, re.MULTILINE)
     assert found
     assert float(found[1]) == pytest.approx(2.0 * float(found[2]), rel=0.02)  # three digits are printed
     assert Path(f"runs/observe/BearingDopplerCase1b-stationary-{EVALUATION_SEED}.png").stat().st_size > 10_000
@@ -98,12 +110,14 @@ def test_the_same_seed_draws_the_same(passloc: Passloc, tmp_path: Path) -> None:
         assert one == again != two
 
 
-def test_pictures_without_a_name_are_named_by_scenario_and_policy(passloc: Passloc) -> None:
-    status, out, _ = passloc("observe", "BearingsOnly", "--policy", "zigzag:angle=45", *QUICK)
-    assert status == 0
-    (picture,) = Path("runs/observe").iterdir()
-    assert str(picture) in out
-    assert re.fullmatch(r"BearingsOnly-zigzag[\w.=-]*\.png", picture.name)
+def test_pictures_without_a_name_are_named_by_scenario_policy_and_seed(passloc: Passloc) -> None:
+    """No seed draws over another one's picture."""
+    for seed in ("3", "4"):
+        status, out, _ = passloc("observe", "BearingsOnly", "--policy", "zigzag:angle=45", "--seed", seed, *QUICK)
+        assert status == 0
+        (picture,) = Path("runs/observe").glob(f"*-{seed}.png")
+        assert str(picture) in out
+        assert re.fullmatch(r"BearingsOnly-zigzag[\w.=-]*\.png", picture.name)
 
 
 def test_scenarios_from_files(passloc: Passloc, tmp_path: Path) -> None:
@@ -121,8 +135,19 @@ def test_an_emitter_below_the_horizon_is_not_observed(passloc: Passloc, tmp_path
     assert (status, err) == (0, "")
     data = json.loads((tmp_path / "hidden.json").read_text(encoding="utf-8"))
     assert np.diff(data["position_bound"]).min() > 0.0
-    assert data["rank"] == 0
+    assert (data["rank"], data["heard"]) == (0, 0)
+    assert "0 of 10 looks heard; the bound is the prior's" in out
     assert "determine 0 of 12 states" in out
+    assert "weakest direction" not in out
+
+
+def test_looks_that_were_missed_are_counted(passloc: Passloc, tmp_path: Path) -> None:
+    words = ("--json", "some.json", "--override", "episode.steps=40", "sensors.0.detection_probability=0.5")
+    status, out, _ = passloc("observe", "BearingsOnly", *words)
+    assert status == 0
+    heard = json.loads((tmp_path / "some.json").read_text(encoding="utf-8"))["heard"]
+    assert 0 < heard < 40
+    assert f"{heard} of 40 looks heard\n" in out
 
 
 @pytest.mark.parametrize(
@@ -135,6 +160,7 @@ def test_an_emitter_below_the_horizon_is_not_observed(passloc: Passloc, tmp_path
         (("BearingsOnly", "--policy", "nowhere/agent.json"), "cannot read"),
         (("BearingsOnly", "--override", "episode.stepz=8"), "did you mean 'steps'?"),
         (("BearingsOnly", "--override", "episode.steps=0"), "at least 1"),
+        (("BearingsOnly", "--policy", "yaw"), "no platform of BearingsOnly turns its body"),
         (("BearingsOnly", "--out", "/dev/null/map.png"), "/dev/null is not a folder"),
         (("BearingsOnly", "--out", "."), "is a folder"),
         (("BearingsOnly", "--json", "/dev/null/results.json"), "/dev/null is not a folder"),
@@ -159,10 +185,12 @@ def test_the_picture_is_where_it_is_said_to_be(passloc: Passloc) -> None:
 
 
 def test_directions_name_what_matters_with_units() -> None:
-    layout = StateLayout(2, 2, ("carrier_offset",))
-    vector = np.array([300.0, -200.0, 0.5, 4.0, -3.01, 0.0, 50.0])
-    scale = np.array([1e3, 1e3, 100.0, 10.0, 5.0, 5.0, 1e2])
-    assert _direction(vector, scale, layout, [Nuisance("carrier_offset", 1e2, unit="Hz")]) == (
-        "east acceleration -0.60σ (-3.01 m/s²), carrier_offset +0.50σ (50 Hz), north velocity +0.40σ (4 m/s), "
-        "east +0.30σ (300 m), north -0.20σ (-200 m)"
+    """By the share in prior deviations: hundreds of metres may be nothing, a thousandth of a radian everything."""
+    layout = StateLayout(2, 2, ("carrier_offset", "roll_error_0", "mine"))
+    nuisances = [Nuisance(name, 1.0, unit=unit) for name, unit in zip(layout.nuisance, ("Hz", "rad", ""), strict=True)]
+    scale = np.array([1e4, 1e4, 10.0, 10.0, 0.1, 0.1, 500.0, 1e-3, 2.0])
+    shares = np.array([0.04, -0.06, 0.0, 0.1, 0.0, 0.03, -0.5, 0.8, 0.2])
+    assert _direction(scale * shares, scale, layout, nuisances) == (
+        "roll_error_0 +0.80σ (0.0008 rad), carrier_offset -0.50σ (-250 Hz), mine +0.20σ (0.4), "
+        "north velocity +0.10σ (1 m/s), north -0.06σ (-600 m)"
     )

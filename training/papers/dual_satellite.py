@@ -355,12 +355,10 @@ def _draw_processing(reproduction: Reproduction, found: dict[str, Errors]) -> No
         )
         axes.plot([], [], color=BOUND, lw=3.0, alpha=0.5, label="per pulse")
         for label, colour in (("0.1 s", ESTIMATE), ("1 s", EMITTER)):
-            start, *others = (
-                found[f"{label} beats, {cut}"] for cut in ("start value", "mid-beat value", "value + rate")
-            )
             name = f"{label} beats, start value"
+            start = found[name]
             axes.semilogy(start.time, start.rms("position") / KILOMETRE, color=colour, lw=1.5, label=name)
-            for errors in others:
+            for errors in (found[f"{label} beats, {cut}"] for cut in ("mid-beat value", "value + rate")):
                 axes.semilogy(errors.time, errors.rms("position") / KILOMETRE, ":", color="black", lw=1.0, label=folded)
                 folded = "_"
         axes.set_xlabel("time, s")
