@@ -13,7 +13,7 @@ from agents.shipped import ship
 from passloc_env.errors import InputError
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
-from training.arguments import check_seed
+from training.arguments import at_least_one, check_seed
 from training.commands import Card
 from training.evaluate import Verdict
 from training.judging import judge
@@ -33,8 +33,7 @@ def card(arguments: Card) -> Path:
         InputError: an unknown scenario, impossible numbers, or a name that no folder should have.
     """
     check_seed(arguments.seed)
-    if arguments.episodes < 1:
-        raise InputError(f"episodes = {arguments.episodes} is not possible: must be at least 1")
+    at_least_one(episodes=arguments.episodes)
     if arguments.name and not _NAME.fullmatch(arguments.name):
         raise InputError(f"name = {arguments.name!r} is not possible: letters, digits, - and _ alone")
     agent = AgentFile.load(arguments.run)

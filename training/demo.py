@@ -6,10 +6,9 @@ import dataclasses
 from pathlib import Path
 
 from agents import LearnedPolicy, default_policies, find_policy
-from passloc_env.errors import InputError
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
-from training.arguments import new_folder
+from training.arguments import at_least_one, new_folder
 from training.commands import Demo
 from training.evaluate import Evaluation
 from training.hyperparameters import Hyperparameters
@@ -29,8 +28,7 @@ def demo(arguments: Demo) -> Evaluation:
     scenario = find(_SCENARIO)
     parameters = Hyperparameters.for_scenario(scenario.name)
     parameters = dataclasses.replace(parameters, decisions=arguments.decisions)
-    if arguments.episodes < 1:
-        raise InputError(f"episodes = {arguments.episodes} is not possible: must be at least 1")
+    at_least_one(episodes=arguments.episodes)
     folder = new_folder(arguments.out, "demo")
     console.print(f"1/3 training PPO for {parameters.decisions:,} decisions on {scenario.name} …")
     finished = run(scenario, parameters, folder, arguments.seed)

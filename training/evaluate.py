@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import json
-import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from agents import Policy
-from passloc_env.errors import InputError
 from passloc_env.models import state_layout
 from passloc_env.scenario import Scenario
+from training.arguments import at_least_one, check_seed
 from training.commands import EVALUATION_SEED
 from training.episodes import Scores, fly
-from training.files import write_whole
+from training.files import json_text, write_whole
 from training.provenance import provenance
 from training.statistics import Bootstrap, Estimate, chi_square_band, rate, root_mean_square
 
@@ -77,7 +75,7 @@ class Evaluation:
             "policies": [dataclasses.asdict(verdict) for verdict in self.verdicts],
             "provenance": provenance(sys.argv),
         }
-        return json.dumps(_finite(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        return json_text(data)
 
     def save(self, path: Path) -> None:
         """Write :meth:`to_json`; the file appears whole or not at all."""
@@ -103,10 +101,8 @@ def evaluate(
     Raises:
         InputError: fewer than one episode, or a negative seed.
     """
-    if episodes < 1:
-        raise InputError(f"episodes = {episodes} is not possible: must be at least 1")
-    if seed < 0:
-        raise InputError(f"seed = {seed} is not possible: must be at least 0")
+    at_least_one(episodes=episodes)
+    check_seed(seed)
     names = _unique([policy.name for policy in policies])
     scores: dict[str, Scores] = {}
     seconds: dict[str, float] = {}
@@ -170,12 +166,3 @@ def _unique(names: list[str]) -> list[str]:
             candidate = f"{name} ({number})"
         unique.append(candidate)
     return unique
-
-
-def _finite(data: Any) -> Any:
-    """The data with null for what is not a finite number, which JSON does not know."""
-    if isinstance(data, dict):
-        return {key: _finite(value) for key, value in data.items()}
-    if isinstance(data, (list, tuple)):
-        return [_finite(value) for value in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from passloc_env.errors import InputError
-from training.arguments import check_seed
+from training.arguments import at_least_one, check_seed
 from training.commands import Leaderboard
 from training.evaluate import Evaluation, compare
 from training.leaderboard.entrants import Entrant, entrants
@@ -32,8 +31,7 @@ def leaderboard(arguments: Leaderboard) -> Path:
         NotADirectoryError: a file where a folder is to be.
     """
     check_seed(arguments.seed)
-    if arguments.episodes < 1:
-        raise InputError(f"episodes = {arguments.episodes} is not possible: must be at least 1")
+    at_least_one(episodes=arguments.episodes)
     played = [(variant, *entrants(variant, arguments.policies)) for variant in variants(arguments.scenarios)]
     for folder in (arguments.out, arguments.cache):
         if folder.exists() and not folder.is_dir():

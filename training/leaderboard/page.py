@@ -13,6 +13,7 @@ import numpy as np
 
 from training.commands import EVALUATION_SEED, Leaderboard
 from training.evaluate import Evaluation, Verdict
+from training.files import write_whole
 from training.leaderboard.picture import MANY_VIOLATIONS, draw
 from training.statistics import Bootstrap
 from training.table import COLUMNS, notes, ranked, title, with_interval
@@ -53,9 +54,7 @@ def write(sections: Sequence[Section], arguments: Leaderboard) -> list[Path]:
         written.append(path)
     page = arguments.out / "index.md"
     parts = [_HEAD, f"```sh\n{_command(arguments)}\n```", _summary(sections), *(_section(part) for part in sections)]
-    partial = page.with_name(page.name + ".partial")
-    partial.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
-    partial.replace(page)
+    write_whole(page, "\n\n".join(parts) + "\n")
     return [page, *written]
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from passloc_env.errors import InputError
+from training.files import json_text, write_whole
 from training.papers.catalogue import PAPERS, Paper
 from training.papers.reproduction import Reproduction
 
@@ -37,7 +37,7 @@ def save(reproduction: Reproduction, folder: Path, command: str) -> None:
         "figures": [dataclasses.asdict(figure) for figure in reproduction.figures],
         "tables": [dataclasses.asdict(table) for table in reproduction.tables],
     }
-    _write(folder / f"{reproduction.paper}.json", _finite(data))
+    write_whole(folder / f"{reproduction.paper}.json", json_text(data))
 
 
 def check_others(folder: Path, replaced: Sequence[Paper]) -> None:
@@ -56,9 +56,9 @@ def collect(folder: Path) -> list[Path]:
     found = [(paper, _read(folder / f"{paper.name}.json")) for paper in PAPERS.values()]
     present = [(paper, data) for paper, data in found if data is not None]
     claims, page = folder / "claims.json", folder / "index.md"
-    _write(claims, [claim for _, data in present for claim in data["claims"]])
+    write_whole(claims, json_text([claim for _, data in present for claim in data["claims"]]))
     sections = [_section(paper, data) for paper, data in present]
-    _write_text(page, "\n".join([_HEAD, _summary(present), *sections]))
+    write_whole(page, "\n".join([_HEAD, _summary(present), *sections]))
     return [claims, page]
 
 
@@ -117,23 +117,3 @@ def _read(path: Path) -> dict[str, Any] | None:
     if not isinstance(data, dict) or not data.keys() >= _KEYS:
         raise InputError(f"{path} does not hold a paper's results: {advice}")
     return data
-
-
-def _write(path: Path, data: Any) -> None:
-    _write_text(path, json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-
-
-def _write_text(path: Path, text: str) -> None:
-    """Write a file that is either the old one or the whole new one."""
-    unfinished = path.with_name(path.name + ".unfinished")
-    unfinished.write_text(text, encoding="utf-8")
-    unfinished.replace(path)
-
-
-def _finite(data: Any) -> Any:
-    """The data with null for what is not a finite number, which JSON does not know."""
-    if isinstance(data, dict):
-        return {key: _finite(value) for key, value in data.items()}
-    if isinstance(data, (list, tuple)):
-        return [_finite(value) for value in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data
