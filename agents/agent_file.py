@@ -26,7 +26,7 @@ class AgentFile:
     """What an agent is made of.
 
     Attributes:
-        weights: arrays by name: ``actor.0.weight (out, in)``, ``actor.0.bias (out,)``, …, the same for ``critic``.
+        weights: arrays by name: ``actor.0.weight (out, in)``, ``actor.0.bias (out,)``, …
         card: architecture, spaces, scenario, training and scores.
     """
 
@@ -43,10 +43,11 @@ class AgentFile:
         """The names of the scenarios that it is for; without a word in the card, the one it was trained on."""
         return tuple(self.card.get("flies", [self.scenario.name]))
 
-    def layers(self, network: str) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Weight ``(out, in)`` and bias ``(out,)`` of each layer of ``actor`` or ``critic``."""
-        count = len(self.card["architecture"][network]) - 1
-        return [(self.weights[f"{network}.{i}.weight"], self.weights[f"{network}.{i}.bias"]) for i in range(count)]
+    @property
+    def layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Weight ``(out, in)`` and bias ``(out,)`` of each layer of the actor."""
+        count = len(self.card["architecture"]["actor"]) - 1
+        return [(self.weights[f"actor.{i}.weight"], self.weights[f"actor.{i}.bias"]) for i in range(count)]
 
     def save(self, folder: Path) -> None:
         """Write both files into ``folder``; each appears whole or not at all."""
@@ -83,29 +84,29 @@ class AgentFile:
         except (KeyError, TypeError, ValueError) as error:
             reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
             raise AgentFileError(f"{folder / CARD} does not describe an agent: {reason}") from None
+        sizes = self.card["architecture"]["actor"]
         expected = {
-            f"{network}.{layer}.{kind}": (sizes[layer + 1], sizes[layer]) if kind == "weight" else (sizes[layer + 1],)
-            for network, sizes in self.card["architecture"].items()
+            f"actor.{layer}.{kind}": (sizes[layer + 1], sizes[layer]) if kind == "weight" else (sizes[layer + 1],)
             for layer in range(len(sizes) - 1)
             for kind in ("weight", "bias")
         }
         found = {name: array.shape for name, array in self.weights.items()}
         if found != expected:
-            raise AgentFileError(f"{folder / WEIGHTS} does not hold the networks that {CARD} describes")
+            raise AgentFileError(f"{folder / WEIGHTS} does not hold the actor that {CARD} describes")
         if not all(np.isfinite(array).all() for array in self.weights.values()):
             raise AgentFileError(f"{folder / WEIGHTS} holds weights that are not finite")
 
 
 def _check_networks(architecture: Any, observation: Any) -> None:
-    """ValueError unless there are an actor and a critic for the observation."""
+    """ValueError unless there is an actor for the observation, and nothing else."""
     if not isinstance(observation, list) or not all(isinstance(name, str) for name in observation):
         raise ValueError("observation must be a list of names")
-    if not isinstance(architecture, dict) or set(architecture) != {"actor", "critic"}:
-        raise ValueError("architecture must hold an actor and a critic")
-    for network, sizes in architecture.items():
-        whole = isinstance(sizes, list) and all(isinstance(size, int) and size > 0 for size in sizes)
-        if not whole or len(sizes) < 2 or sizes[0] != len(observation):
-            raise ValueError(f"{network} must list its layer sizes, from the {len(observation)} features on")
+    if not isinstance(architecture, dict) or set(architecture) != {"actor"}:
+        raise ValueError("architecture must hold an actor")
+    sizes = architecture["actor"]
+    whole = isinstance(sizes, list) and all(isinstance(size, int) and size > 0 for size in sizes)
+    if not whole or len(sizes) < 2 or sizes[0] != len(observation):
+        raise ValueError(f"actor must list its layer sizes, from the {len(observation)} features on")
 
 
 def _check_flight(mirror: Any, sigmas: Any) -> None:

@@ -26,7 +26,7 @@ class LearnedPolicy:
 
     def __init__(self, agent: AgentFile, name: str = "learned") -> None:
         self.name, self.agent = name, agent
-        self._layers = [(weight.T.copy(), bias) for weight, bias in agent.layers("actor")]
+        self._layers = [(weight.T.copy(), bias) for weight, bias in agent.layers]
         sigmas = float(agent.card.get("shield_sigmas", 0.0))
         self._shield = Shield(sigmas) if sigmas else None
         self._symmetry = MirrorSymmetry(agent.scenario) if agent.card.get("mirror") else None

@@ -21,6 +21,7 @@ class MirrorSymmetry:
 
     Args:
         scenario: whose observations are mirrored; all its actions must be those of turn-limited platforms.
+        further: names of features that follow the scenario's own.
 
     Attributes:
         parity: −1 for each feature ``(f,)`` that changes its sign, +1 for the others.
@@ -29,10 +30,10 @@ class MirrorSymmetry:
         InputError: a scenario with other actions, in which a mirror does more than change signs.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, further: tuple[str, ...] = ()) -> None:
         if any(platform.controls and not isinstance(platform, TurnLimitedPlatform) for platform in scenario.platforms):
             raise InputError(f"mirror = True is not possible: {scenario.name} steers more than headings")
-        names = observation_names(scenario)
+        names = observation_names(scenario) + further
         self.parity = np.array([_parity(name) for name in names], np.float32)
         self._side = names.index(_SIDE)
 

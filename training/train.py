@@ -9,9 +9,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import torch
+from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.logger import configure
@@ -27,6 +29,7 @@ from training.arguments import check_seed, new_folder, parse_overrides, read_sce
 from training.commands import Train
 from training.curve import CurveCallback
 from training.hyperparameters import Hyperparameters
+from training.privileged import PrivilegedPolicy, WithTruth, truth_names
 from training.progress_callback import ProgressCallback
 from training.provenance import provenance
 from training.wrappers import Guarded, Mirrored, ScaledReward
@@ -113,15 +116,24 @@ def learning_env(scenario: Scenario, parameters: Hyperparameters, seed: int) -> 
     env: VecEnv = make_vec_env(scenario, parameters.environments, seed=seed, bootstrap_time_limit=False)
     if parameters.shielded_training:
         env = Guarded(env, Shield(parameters.shield_sigmas))
+    if parameters.privileged_critic:
+        env = WithTruth(env)
     if parameters.mirror:
-        env = Mirrored(env, MirrorSymmetry(scenario))
+        further = truth_names(scenario) if parameters.privileged_critic else ()
+        env = Mirrored(env, MirrorSymmetry(scenario, further))
     return ScaledReward(env, parameters.reward_scale)
 
 
 def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> PPO:
     """PPO with separate actor and critic, tanh layers and a linearly falling learning rate."""
+    policy: dict[str, Any] = {
+        "net_arch": list(parameters.network),
+        "log_std_init": parameters.initial_log_sigma,
+    }
+    if parameters.privileged_critic:
+        policy["seen"] = cast(spaces.Box, env.unwrapped.observation_space).shape[0]
     return PPO(
-        "MlpPolicy",
+        PrivilegedPolicy if parameters.privileged_critic else "MlpPolicy",
         env,
         n_steps=parameters.rollout,
         batch_size=parameters.batch_size,
@@ -130,29 +142,23 @@ def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> PPO:
         gamma=parameters.discount,
         gae_lambda=parameters.trace_decay,
         ent_coef=parameters.entropy,
-        policy_kwargs={"net_arch": list(parameters.network), "log_std_init": parameters.initial_log_sigma},
+        policy_kwargs=policy,
         seed=seed,
         device="cpu",
     )
 
 
 def _agent(model: PPO, scenario: Scenario, parameters: Hyperparameters, seed: int, seconds: float) -> AgentFile:
-    """The trained networks with their card."""
+    """The trained actor with its card."""
     policy = model.policy
-    stacks = {
-        "actor": [*policy.mlp_extractor.policy_net, policy.action_net],
-        "critic": [*policy.mlp_extractor.value_net, policy.value_net],
-    }
+    modules = [*policy.mlp_extractor.policy_net, policy.action_net]
+    layers = [module for module in modules if isinstance(module, torch.nn.Linear)]
     weights: dict[str, np.ndarray] = {}
-    architecture: dict[str, list[int]] = {}
-    for network, modules in stacks.items():
-        layers = [module for module in modules if isinstance(module, torch.nn.Linear)]
-        architecture[network] = [layers[0].in_features, *(layer.out_features for layer in layers)]
-        for index, layer in enumerate(layers):
-            weights[f"{network}.{index}.weight"] = layer.weight.detach().numpy().copy()
-            weights[f"{network}.{index}.bias"] = layer.bias.detach().numpy().copy()
+    for index, layer in enumerate(layers):
+        weights[f"actor.{index}.weight"] = layer.weight.detach().numpy().copy()
+        weights[f"actor.{index}.bias"] = layer.bias.detach().numpy().copy()
     card = {
-        "architecture": architecture,
+        "architecture": {"actor": [layers[0].in_features, *(layer.out_features for layer in layers)]},
         "observation": list(observation_names(scenario)),
         "scenario": scenario.to_dict(),
         "mirror": parameters.mirror,

@@ -12,7 +12,7 @@ from agents.symmetry import MirrorSymmetry
 from passloc_env.belief import Belief
 
 Stepped = tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]
-_TERMINAL = "terminal_observation"
+TERMINAL = "terminal_observation"
 
 
 class ScaledReward(VecEnvWrapper):
@@ -73,8 +73,8 @@ class Mirrored(VecEnvWrapper):
         """The step, every observation mirrored as its own side says."""
         observation, reward, done, infos = self.venv.step_wait()
         for index in np.flatnonzero(done):
-            last = infos[index][_TERMINAL][None]
-            infos[index][_TERMINAL] = self._symmetry.mirrored(last, self._symmetry.sides(last))[0]
+            last = infos[index][TERMINAL][None]
+            infos[index][TERMINAL] = self._symmetry.mirrored(last, self._symmetry.sides(last))[0]
         return self._mirrored(cast(np.ndarray, observation)), reward, done, infos
 
     def _mirrored(self, observation: np.ndarray) -> np.ndarray:

@@ -29,12 +29,10 @@ def agent_for(scenario, folder):
     names = observation_names(scenario)
     sizes = [len(names), scenario.action_size]
     weights = {
-        f"{network}.0.{kind}": np.zeros(shape, np.float32)
-        for network in ("actor", "critic")
-        for kind, shape in (("weight", (1, sizes[0])), ("bias", (1,)))
+        f"actor.0.{kind}": np.zeros(shape, np.float32) for kind, shape in (("weight", (1, sizes[0])), ("bias", (1,)))
     }
     card = {
-        "architecture": {"actor": sizes, "critic": [sizes[0], 1]},
+        "architecture": {"actor": sizes},
         "observation": list(names),
         "scenario": scenario.to_dict(),
     }

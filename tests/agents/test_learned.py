@@ -103,8 +103,7 @@ def test_round_trip(model_and_agent, folder):
         assert (again.weights[name].dtype, again.weights[name].tobytes()) == (array.dtype, array.tobytes())
     assert again.card == {"format": "passloc-agent-1", **agent.card}
     assert again.scenario == SCENARIO
-    assert [weight.shape for weight, _ in again.layers("actor")] == [(16, FEATURES), (8, 16), (1, 8)]
-    assert [weight.shape for weight, _ in again.layers("critic")] == [(16, FEATURES), (8, 16), (1, 8)]
+    assert [weight.shape for weight, _ in again.layers] == [(16, FEATURES), (8, 16), (1, 8)]
     assert sorted(path.name for path in folder.iterdir()) == [CARD, WEIGHTS]
     observation = np.ones((2, FEATURES), np.float32)
     loaded = LearnedPolicy.load(folder, SCENARIO).act(observation, None, None)
@@ -172,17 +171,17 @@ def test_weights_of_another_kind(folder):
         {"actor__0__weight": np.zeros((FEATURES, 16), np.float32)},
         {"actor__2__bias": np.zeros((), np.float32)},
         {"actor__1__weight": None},
-        {"critic__2__bias": None},
+        {"actor__2__bias": None},
         {"actor__3__weight": np.zeros((1, 1), np.float32)},
     ],
 )
 def test_wrong_shapes(folder, change):
     edit_weights(folder, **change)
-    assert "does not hold the networks" in refusal(folder)
+    assert "does not hold the actor" in refusal(folder)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("name", ["actor.0.weight", "actor.2.bias", "critic.1.weight"])
+@pytest.mark.parametrize("name", ["actor.0.weight", "actor.2.bias"])
 def test_weights_that_are_not_finite(folder, name, value):
     broken = load_file(folder / WEIGHTS)[name].copy()
     broken.flat[-1] = value
@@ -231,11 +230,11 @@ def test_another_format(folder, format_):
         {"architecture": []},
         {"architecture": {}},
         {"architecture": {"actor": 3}},
-        {"architecture": {"actor": [FEATURES, "16", 8, 1], "critic": [FEATURES, 16, 8, 1]}},
+        {"architecture": {"actor": [FEATURES, "16", 8, 1]}},
         {"architecture": {"critic": [FEATURES, 16, 8, 1]}},
-        {"architecture": {"actor": [], "critic": [FEATURES, 16, 8, 1]}},
-        {"architecture": {"actor": [1], "critic": [FEATURES, 16, 8, 1]}},
-        {"architecture": {"actor": [FEATURES, 16, 8, 1], "critic": [FEATURES, 16, 8, 1], "third": [1, 1]}},
+        {"architecture": {"actor": []}},
+        {"architecture": {"actor": [1]}},
+        {"architecture": {"actor": [FEATURES, 16, 8, 1], "critic": [FEATURES, 16, 8, 1]}},
         {"observation": None},
         {"observation": 3},
         {"observation": []},
@@ -252,10 +251,10 @@ def test_a_card_that_does_not_describe_the_agent(folder, change):
     [
         {},
         {"critic": [FEATURES, 1]},
-        {"actor": [], "critic": [FEATURES, 1]},
-        {"actor": [1], "critic": [FEATURES, 1]},
-        {"actor": [FEATURES], "critic": [FEATURES, 1]},
-        {"actor": [3, 1], "critic": [FEATURES, 1]},
+        {"actor": []},
+        {"actor": [1]},
+        {"actor": [FEATURES]},
+        {"actor": [3, 1]},
     ],
     ids=str,
 )
@@ -293,12 +292,8 @@ def test_the_same_number_of_other_features(folder):
 
 def test_another_number_of_actions(folder):
     """The observation is the same; the networks end in two actions."""
-    wide = {network: [FEATURES, size] for network, size in (("actor", 2), ("critic", 1))}
-    weights = {
-        f"{network}.0.{kind}": np.zeros((size, FEATURES) if kind == "weight" else (size,), np.float32)
-        for network, (_, size) in wide.items()
-        for kind in ("weight", "bias")
-    }
+    wide = {"actor": [FEATURES, 2]}
+    weights = {"actor.0.weight": np.zeros((2, FEATURES), np.float32), "actor.0.bias": np.zeros(2, np.float32)}
     save_file(weights, folder / WEIGHTS)
     edit_card(folder, architecture=wide)
     assert "chooses 2 actions" in refusal(folder)

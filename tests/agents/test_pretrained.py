@@ -89,11 +89,9 @@ def fake(folder, scenario=SCENARIO, bias=1.0, **more):
     weights = {
         "actor.0.weight": np.zeros(sizes[::-1], np.float32),
         "actor.0.bias": np.full(sizes[1], bias, np.float32),
-        "critic.0.weight": np.zeros((1, sizes[0]), np.float32),
-        "critic.0.bias": np.zeros(1, np.float32),
     }
     card = {
-        "architecture": {"actor": sizes, "critic": [sizes[0], 1]},
+        "architecture": {"actor": sizes},
         "observation": list(names),
         "scenario": scenario.to_dict(),
         **more,

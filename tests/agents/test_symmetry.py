@@ -93,7 +93,7 @@ def agent(scenario=AIRCRAFT, seed=0, **card):
     """An agent with random weights, large enough for actions of every size, and what its card says beside."""
     rng = np.random.default_rng(seed)
     features, actions = len(observation_names(scenario)), scenario.action_size
-    sizes = {"actor": [features, 16, actions], "critic": [features, 4, 1]}
+    sizes = {"actor": [features, 16, actions]}
     weights = {
         f"{network}.{layer}.{kind}": rng.normal(
             0.0, 0.1, (widths[layer + 1], widths[layer]) if kind == "weight" else widths[layer + 1]

@@ -24,12 +24,11 @@ def run(tmp_path, monkeypatch):
     monkeypatch.setattr(shipped, "FOLDER", tmp_path / "pretrained")
     names = observation_names(SCENARIO)
     weights = {
-        f"{network}.0.{kind}": np.full(shape, 0.5 if kind == "bias" else 0.0, np.float32)
-        for network in ("actor", "critic")
+        f"actor.0.{kind}": np.full(shape, 0.5 if kind == "bias" else 0.0, np.float32)
         for kind, shape in (("weight", (1, len(names))), ("bias", (1,)))
     }
     card = {
-        "architecture": {"actor": [len(names), 1], "critic": [len(names), 1]},
+        "architecture": {"actor": [len(names), 1]},
         "observation": list(names),
         "scenario": SCENARIO.to_dict(),
         "training": {"algorithm": "none"},

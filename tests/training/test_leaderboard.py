@@ -44,12 +44,11 @@ def agent(folder, scenario, flies, bias=0.0):
     names = observation_names(scenario)
     sizes = [len(names), scenario.action_size]
     weights = {
-        f"{network}.0.{kind}": np.full(shape, bias if kind == "bias" else 0.0, np.float32)
-        for network, out in (("actor", sizes[1]), ("critic", 1))
-        for kind, shape in (("weight", (out, sizes[0])), ("bias", (out,)))
+        f"actor.0.{kind}": np.full(shape, bias if kind == "bias" else 0.0, np.float32)
+        for kind, shape in (("weight", sizes[::-1]), ("bias", sizes[1:]))
     }
     card = {
-        "architecture": {"actor": sizes, "critic": [sizes[0], 1]},
+        "architecture": {"actor": sizes},
         "observation": list(names),
         "scenario": scenario.to_dict(),
         "flies": flies,

@@ -48,6 +48,7 @@ _ACCEPTS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "mirror": ("true or false", lambda value: isinstance(value, bool)),
     "shield_sigmas": ("a finite number of at least 0", lambda value: _finite(value) and value >= 0),
     "shielded_training": ("true or false", lambda value: isinstance(value, bool)),
+    "privileged_critic": ("true or false", lambda value: isinstance(value, bool)),
     "overrides": ("a mapping from dotted names to values", lambda value: isinstance(value, dict)),
 }
 """What each hyperparameter accepts, in words and as a test."""
@@ -87,6 +88,8 @@ class Hyperparameters:
     """Deviations by which a shield keeps the minimum range in flight; 0 for no shield."""
     shielded_training: bool = False
     """Whether the shield is there in training already; it costs as much time as the rest of the training."""
+    privileged_critic: bool = False
+    """Whether the critic is told the truth; the actor never is."""
     overrides: dict[str, Any] = field(default_factory=dict)
     """Scenario fields changed for training alone, by dotted name."""
 
