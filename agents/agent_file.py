@@ -44,6 +44,11 @@ class AgentFile:
         return tuple(self.card.get("flies", [self.scenario.name]))
 
     @property
+    def actions(self) -> int:
+        """Number of action components that the actor decides on."""
+        return int(self.card["architecture"]["actor"][-1]) // max(int(self.card.get("choices", 0)), 1)
+
+    @property
     def layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Weight ``(out, in)`` and bias ``(out,)`` of each layer of the actor."""
         count = len(self.card["architecture"]["actor"]) - 1
@@ -80,6 +85,7 @@ class AgentFile:
             Scenario.from_dict(self.card["scenario"])
             _check_networks(self.card["architecture"], self.card["observation"])
             _check_flight(self.card.get("mirror", False), self.card.get("shield_sigmas", 0.0))
+            _check_choices(self.card.get("choices", 0), self.card["architecture"]["actor"][-1])
             _check_names(self.card.get("flies", []))
         except (KeyError, TypeError, ValueError) as error:
             reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
@@ -116,6 +122,14 @@ def _check_flight(mirror: Any, sigmas: Any) -> None:
     number = isinstance(sigmas, (int, float)) and not isinstance(sigmas, bool)
     if not number or not 0.0 <= sigmas < math.inf:
         raise ValueError("shield_sigmas must be a finite number of at least 0")
+
+
+def _check_choices(choices: Any, outputs: int) -> None:
+    """ValueError unless these are numbers of choices, of which the actor rates each."""
+    if not isinstance(choices, int) or isinstance(choices, bool) or choices < 0 or choices == 1:
+        raise ValueError("choices must be 0 or a whole number of at least 2")
+    if choices and outputs % choices:
+        raise ValueError(f"the actor's {outputs} outputs must be a multiple of its {choices} choices")
 
 
 def _check_names(flies: Any) -> None:

@@ -16,10 +16,19 @@ from passloc_env.scenario import Scenario
 from passloc_env.spaces import observation_names
 
 
+def choices_of(count: int) -> np.ndarray:
+    """The values ``(count,)`` that an agent chooses a component of its action from: evenly spread around the circle.
+
+    As many to port as to starboard; neither straight towards the emitter nor straight away is among an even number.
+    """
+    return ((2.0 * np.arange(count) + 1.0) / count - 1.0).astype(np.float32)
+
+
 class LearnedPolicy:
     """The deterministic actor of a trained agent: a multilayer perceptron with tanh between its layers.
 
-    As its card says, it sees the world in a mirror where the emitter lies to the other side, and flies behind a shield.
+    What comes out is the action or, if its card speaks of choices, how good each of them is. As its card says, it sees
+    the world in a mirror where the emitter lies to the other side, and flies behind a shield.
     """
 
     overrides: Mapping[str, Any] = {}
@@ -29,6 +38,8 @@ class LearnedPolicy:
         self._layers = [(weight.T.copy(), bias) for weight, bias in agent.layers]
         sigmas = float(agent.card.get("shield_sigmas", 0.0))
         self._shield = Shield(sigmas) if sigmas else None
+        choices = int(agent.card.get("choices", 0))
+        self._choices = choices_of(choices) if choices else None
         self._symmetry = MirrorSymmetry(agent.scenario) if agent.card.get("mirror") else None
 
     @classmethod
@@ -64,7 +75,10 @@ class LearnedPolicy:
         for weight, bias in self._layers[:-1]:
             hidden = np.tanh(hidden @ weight + bias)
         weight, bias = self._layers[-1]
-        return np.clip(hidden @ weight + bias, -1.0, 1.0)
+        out = hidden @ weight + bias
+        if self._choices is None:
+            return np.clip(out, -1.0, 1.0)
+        return self._choices[np.argmax(out.reshape(len(out), -1, len(self._choices)), axis=2)]
 
 
 def is_agent(path: Path) -> bool:
@@ -80,6 +94,6 @@ def _check_fit(agent: AgentFile, scenario: Scenario, path: Path) -> None:
             f"{path} was trained on {agent.scenario.name} and sees {len(sees)} features; "
             f"{scenario.name} offers {len(offered)}, which are not the same"
         )
-    acts = agent.card["architecture"]["actor"][-1]
+    acts = agent.actions
     if acts != scenario.action_size:
         raise AgentFileError(f"{path} chooses {acts} actions; {scenario.name} takes {scenario.action_size}")

@@ -28,7 +28,7 @@ def suggest(trial: BaseTrial, base: Hyperparameters) -> Hyperparameters:
         learning_rate=trial.suggest_float("learning_rate", 3e-4, 3e-3, log=True),
         discount=1.0 - trial.suggest_float("one_minus_discount", 2e-3, 1e-1, log=True),
         trace_decay=trial.suggest_float("trace_decay", 0.9, 0.99),
-        epochs=trial.suggest_int("epochs", 4, 12),
+        epochs=trial.suggest_int("epochs", 2, 12),
         batch_size=rollout // trial.suggest_categorical("batches", batches),
         initial_log_sigma=trial.suggest_float("initial_log_sigma", -2.0, 0.0),
         network=tuple(round(widening * width) for width in base.network),

@@ -32,7 +32,7 @@ from training.hyperparameters import Hyperparameters
 from training.privileged import PrivilegedPolicy, WithTruth, truth_names
 from training.progress_callback import ProgressCallback
 from training.provenance import provenance
-from training.wrappers import Guarded, Mirrored, ScaledReward
+from training.wrappers import Choosing, Guarded, Mirrored, ScaledReward
 
 
 @dataclass
@@ -112,7 +112,7 @@ def run(
 
 
 def learning_env(scenario: Scenario, parameters: Hyperparameters, seed: int) -> VecEnv:
-    """The environments as the learner meets them: shielded, mirrored, rewards scaled."""
+    """The environments as the learner meets them, behind shield and mirror, with choices and scaled rewards."""
     env: VecEnv = make_vec_env(scenario, parameters.environments, seed=seed, bootstrap_time_limit=False)
     if parameters.shielded_training:
         env = Guarded(env, Shield(parameters.shield_sigmas))
@@ -121,6 +121,8 @@ def learning_env(scenario: Scenario, parameters: Hyperparameters, seed: int) -> 
     if parameters.mirror:
         further = truth_names(scenario) if parameters.privileged_critic else ()
         env = Mirrored(env, MirrorSymmetry(scenario, further))
+    if parameters.choices:
+        env = Choosing(env, parameters.choices)
     return ScaledReward(env, parameters.reward_scale)
 
 
@@ -158,9 +160,10 @@ def _agent(model: PPO, scenario: Scenario, parameters: Hyperparameters, seed: in
         weights[f"actor.{index}.weight"] = layer.weight.detach().numpy().copy()
         weights[f"actor.{index}.bias"] = layer.bias.detach().numpy().copy()
     card = {
-        "architecture": {"actor": [layers[0].in_features, *(layer.out_features for layer in layers)]},
+        "architecture": {"actor": [layers[0].in_features, *(int(layer.out_features) for layer in layers)]},
         "observation": list(observation_names(scenario)),
         "scenario": scenario.to_dict(),
+        "choices": parameters.choices,
         "mirror": parameters.mirror,
         "shield_sigmas": parameters.shield_sigmas,
         "training": {

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any, cast
 
 import numpy as np
+from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
+from agents.learned import choices_of
 from agents.shield import Shield
 from agents.symmetry import MirrorSymmetry
 from passloc_env.belief import Belief
@@ -80,3 +82,27 @@ class Mirrored(VecEnvWrapper):
     def _mirrored(self, observation: np.ndarray) -> np.ndarray:
         self._sides = self._symmetry.sides(observation)
         return self._symmetry.mirrored(observation, self._sides)
+
+
+class Choosing(VecEnvWrapper):
+    """Offers the learner a few values of each action component, evenly spread, to choose from.
+
+    A Gaussian heading cannot weigh port against starboard without trying what lies between them; a choice can.
+    """
+
+    def __init__(self, venv: VecEnv, choices: int) -> None:
+        size = cast(spaces.Box, venv.action_space).shape[0]
+        super().__init__(venv, action_space=spaces.MultiDiscrete([choices] * size))
+        self._values = choices_of(choices)
+
+    def reset(self) -> Any:
+        """Begin new episodes."""
+        return self.venv.reset()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """The values chosen."""
+        self.venv.step_async(self._values[actions])
+
+    def step_wait(self) -> Stepped:
+        """The step."""
+        return self.venv.step_wait()

@@ -19,7 +19,7 @@ from passloc_env.sb3 import LocalisationVecEnv, make_vec_env
 from training.commands import Train
 from training.hyperparameters import HyperparameterError, Hyperparameters
 from training.train import _agent, build_ppo, learning_env, run, train
-from training.wrappers import Guarded, Mirrored, ScaledReward
+from training.wrappers import Choosing, Guarded, Mirrored, ScaledReward
 
 SCENARIO = SCENARIOS["BearingsOnly"].override(
     {"name": "Near", "episode.steps": 40, "target.start.range": 16e3, "platforms.0.max_turn_rate": 0.3}
@@ -159,6 +159,7 @@ def innermost(env):
     [
         ({}, [ScaledReward]),
         ({"mirror": True}, [ScaledReward, Mirrored]),
+        ({"mirror": True, "choices": 6}, [ScaledReward, Choosing, Mirrored]),
         ({"shield_sigmas": 2.0}, [ScaledReward]),
         ({"shield_sigmas": 2.0, "shielded_training": True}, [ScaledReward, Guarded]),
         ({"mirror": True, "shield_sigmas": 2.0, "shielded_training": True}, [ScaledReward, Mirrored, Guarded]),
@@ -196,7 +197,7 @@ def test_scaled_rewards_leave_the_episode_returns():
     assert ended >= N
 
 
-@pytest.mark.parametrize("changes", [{}, {"mirror": False}, {"shield_sigmas": 0.0}], ids=str)
+@pytest.mark.parametrize("changes", [{}, {"mirror": False}, {"shield_sigmas": 0.0}, {"choices": 12}], ids=str)
 def test_the_agent_flies_as_the_model_flew_behind_the_wrappers(changes):
     """What reaches the world through the wrappers is what the agent does with NumPy alone in the same, bare world.
 

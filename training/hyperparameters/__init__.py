@@ -45,6 +45,7 @@ _ACCEPTS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "initial_log_sigma": ("a finite number", _finite),
     "reward_scale": _POSITIVE,
     "network": ("a list of layer widths", lambda value: isinstance(value, tuple) and all(map(_whole, value))),
+    "choices": ("0 or a whole number of at least 2", lambda value: _whole(value, least=0) and value != 1),
     "mirror": ("true or false", lambda value: isinstance(value, bool)),
     "shield_sigmas": ("a finite number of at least 0", lambda value: _finite(value) and value >= 0),
     "shielded_training": ("true or false", lambda value: isinstance(value, bool)),
@@ -77,11 +78,13 @@ class Hyperparameters:
     entropy: float = 0.0
     """Weight of the entropy bonus."""
     initial_log_sigma: float = -1.0
-    """Logarithm of the initial standard deviation of the action."""
+    """Logarithm of the initial standard deviation of a Gaussian action."""
     reward_scale: float = 0.02
     """The learner sees the reward times this, so that returns are of the order of one."""
     network: tuple[int, ...] = (64, 64)
     """Hidden layers of actor and critic."""
+    choices: int = 0
+    """Values of each action component, evenly spread, that the agent chooses from; 0 for a Gaussian action."""
     mirror: bool = False
     """Whether the agent learns one side of the line of sight only, and flies the other by symmetry."""
     shield_sigmas: float = 0.0
