@@ -3,15 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import shlex
-import shutil
-from dataclasses import dataclass
 from pathlib import Path
 
-from agents import LearnedPolicy
-from agents.agent_file import AgentFile
-from passloc_env.errors import InputError
 from passloc_env.rewards import (
     DEFAULT_REWARD,
     FilterCertainty,
@@ -23,7 +17,8 @@ from passloc_env.rewards import (
 )
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
-from training.arguments import at_least_one, check_seed, kept_folder
+from training.arguments import at_least_one, check_seed
+from training.candidate import Candidate, train_missing
 from training.commands import Ablate
 from training.evaluate import Evaluation
 from training.files import write_whole
@@ -31,7 +26,7 @@ from training.hyperparameters import Hyperparameters
 from training.judging import judge
 from training.progress import console
 from training.table import markdown_table, notes, title
-from training.train import check_training, run
+from training.train import check_training
 
 _BARE: dict[str, tuple[RewardTerm, ...]] = {
     "range bound": (RangeBound(),),
@@ -52,48 +47,6 @@ REWARDS: dict[str, tuple[RewardTerm, ...]] = {
 _DEFAULT = next(name for name, terms in REWARDS.items() if terms == DEFAULT_REWARD)
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A reward to be tried: what an agent is trained on for it, how, and where that is kept."""
-
-    name: str
-    scenario: Scenario
-    parameters: Hyperparameters
-    seed: int
-    folder: Path
-
-    @property
-    def trained(self) -> bool:
-        """Whether the agent is there already.
-
-        Raises:
-            AgentFileError: the folder holds something else.
-            InputError: the folder holds an agent of other settings.
-        """
-        if not self.folder.exists():
-            return False
-        card = AgentFile.load(self.folder).card
-        training = card["training"]
-        wanted = (self.scenario.override(self.parameters.overrides).to_dict(), dataclasses.asdict(self.parameters))
-        found = [card["scenario"], training["hyperparameters"]]
-        if found != json.loads(json.dumps(wanted)) or training["seed"] != self.seed:
-            raise InputError(f"{self.folder} holds an agent trained otherwise: name another folder with --out")
-        return True
-
-    def train(self) -> None:
-        """Train the agent; its folder appears when it is finished."""
-        partial = self.folder.with_name(self.folder.name + ".partial")
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir()
-        run(self.scenario, self.parameters, partial, self.seed)
-        partial.replace(self.folder)
-
-    @property
-    def policy(self) -> LearnedPolicy:
-        """The trained agent under the name of its reward."""
-        return LearnedPolicy(AgentFile.load(self.folder), self.name)
-
-
 def ablate(arguments: Ablate) -> Path:
     """Train an agent per reward unless it is there, and judge them all; the page that compares them.
 
@@ -106,11 +59,8 @@ def ablate(arguments: Ablate) -> Path:
     check_seed(arguments.seed)
     at_least_one(decisions=arguments.decisions, episodes=arguments.episodes)
     candidates = _candidates(scenario, arguments)
-    waiting = [candidate for candidate in candidates if not candidate.trained]
-    folder = kept_folder(arguments.out)
-    for number, candidate in enumerate(waiting, 1):
-        console.print(f"training {number}/{len(waiting)}: {candidate.name}", highlight=False)
-        candidate.train()
+    folder = arguments.out
+    train_missing(candidates, folder)
     evaluation = judge(scenario, [candidate.policy for candidate in candidates], arguments.episodes)
     evaluation.save(folder / "rewards.json")
     page = folder / "rewards.md"

@@ -55,14 +55,19 @@ def card(arguments: Card) -> Path:
     return folder
 
 
+def reference_of(scenario: Scenario) -> str:
+    """The rule that agents are compared with on a scenario, as the catalogue knows it."""
+    rules = default_policies(scenario)
+    return REFERENCE if REFERENCE in rules else rules[0]
+
+
 def scores(policy: LearnedPolicy, scenario: Scenario, episodes: int, seed: int) -> dict[str, Any]:
     """What an agent came to on ``episodes`` unseen episodes from ``seed`` on, and the reference beside it.
 
     Estimates are a value with the ends of its 95 % interval; ``end_error`` is the median relative range error at the
     end, ``violations`` the share of episodes that entered the keep-out range at any time.
     """
-    rules = default_policies(scenario)
-    reference = REFERENCE if REFERENCE in rules else rules[0]
+    reference = reference_of(scenario)
     evaluation = judge(scenario, [find_policy(reference, scenario), policy], episodes, seed)
     other, own = evaluation.verdicts
     return {

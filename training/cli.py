@@ -10,7 +10,20 @@ import tyro
 
 from passloc_env.errors import InputError
 from training.arguments import free_path, parse_overrides, read_scenario
-from training.commands import Ablate, Bench, Card, Demo, Evaluate, Leaderboard, List, Observe, Reproduce, Train, Tune
+from training.commands import (
+    Ablate,
+    Bench,
+    Card,
+    Demo,
+    Evaluate,
+    Leaderboard,
+    List,
+    Observe,
+    Reproduce,
+    Seeds,
+    Train,
+    Tune,
+)
 
 Command = (
     Annotated[List, tyro.conf.subcommand("list")]
@@ -21,6 +34,7 @@ Command = (
     | Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]
     | Annotated[Ablate, tyro.conf.subcommand("ablate")]
+    | Annotated[Seeds, tyro.conf.subcommand("seeds")]
     | Annotated[Leaderboard, tyro.conf.subcommand("leaderboard")]
     | Annotated[Card, tyro.conf.subcommand("card")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
@@ -110,6 +124,12 @@ def _ablate(arguments: Ablate) -> None:
     ablate(arguments)
 
 
+def _seeds(arguments: Seeds) -> None:
+    from training.seeds import seeds
+
+    seeds(arguments)
+
+
 def _leaderboard(arguments: Leaderboard) -> None:
     from training.leaderboard import leaderboard
 
@@ -137,6 +157,7 @@ _RUN: dict[type, Callable[[Any], None]] = {
     Demo: _demo,
     Tune: _tune,
     Ablate: _ablate,
+    Seeds: _seeds,
     Leaderboard: _leaderboard,
     Card: _card,
     Bench: _bench,

@@ -185,6 +185,27 @@ class Ablate:
 
 
 @dataclass(frozen=True)
+class Seeds:
+    """Train the same agent from several seeds: how far chance decides what it learns, and its learning curves.
+
+    Examples:
+        passloc seeds BearingsOnly
+        passloc seeds BearingsOnlyFar --seeds 0 1 2 3 4 --decisions 1000000
+    """
+
+    scenario: Positional[str] = "BearingsOnly"
+    """Name, Gymnasium id, or path of a scenario file (YAML or JSON)."""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """Seeds of the training runs."""
+    decisions: int | None = None
+    """Decisions that each agent trains for; by default as the hyperparameters say."""
+    episodes: int = 1000
+    """Unseen episodes that each agent is judged by."""
+    out: Path = Path("runs/seeds")
+    """Folder of the agents, the page and its picture; agents that are there are not trained again."""
+
+
+@dataclass(frozen=True)
 class Leaderboard:
     """All scenarios × all policies on the same unseen episodes: tables, pictures, one page; goes on where it stopped.
 

@@ -10,6 +10,9 @@ from pathlib import Path
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
+from passloc_env.arrays import Array
+from passloc_env.errors import InputError
+
 COLUMNS = ("decisions", "seconds", "mean_return", "mean_length", "violations")
 
 
@@ -59,3 +62,20 @@ class CurveCallback(BaseCallback):
         with self._path.open("a", newline="") as file:
             csv.writer(file).writerow(row.values())
         self._watch(row)
+
+
+def read_curve(path: Path) -> dict[str, Array]:
+    """A curve that was kept: values by column, one per rollout.
+
+    Raises:
+        InputError: it is not there, or it is none.
+    """
+    try:
+        with path.open(newline="") as file:
+            header, *rows = csv.reader(file)
+        values = np.array(rows, float).reshape(len(rows), len(COLUMNS))
+    except (OSError, ValueError):
+        raise InputError(f"{path} is not a learning curve") from None
+    if tuple(header) != COLUMNS:
+        raise InputError(f"{path} is not a learning curve: its columns are {', '.join(header)}")
+    return dict(zip(COLUMNS, values.T, strict=True))

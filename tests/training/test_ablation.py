@@ -14,7 +14,7 @@ from passloc_env import ScenarioError
 from passloc_env.errors import InputError
 from passloc_env.rewards import DEFAULT_REWARD, KeepOut
 from passloc_env.scenario import Scenario
-from training import ablation as ablation_module
+from training import candidate as candidate_module
 from training.ablation import REWARDS, ablate
 from training.commands import EVALUATION_SEED, Ablate
 from training.hyperparameters import Hyperparameters
@@ -67,13 +67,13 @@ def page(arguments):
 def counted(monkeypatch):
     """The rewards that are trained on from here on."""
     trained = []
-    run = ablation_module.run
+    run = candidate_module.run
 
     def counting(scenario, *others):
         trained.append(scenario.reward)
         return run(scenario, *others)
 
-    monkeypatch.setattr(ablation_module, "run", counting)
+    monkeypatch.setattr(candidate_module, "run", counting)
     return trained
 
 
@@ -134,7 +134,7 @@ def test_a_rerun_trains_nothing_and_says_the_same(page, arguments, counted):
 def test_an_interrupted_ablation_goes_on(arguments, tmp_path, monkeypatch, counted):
     """Cut short in the third training, which had written half of its folder."""
     cut = dataclasses.replace(arguments, out=tmp_path / "cut")
-    run = ablation_module.run
+    run = candidate_module.run
 
     def interrupt(scenario, parameters, folder, seed):
         if len(counted) == 2:
@@ -144,7 +144,7 @@ def test_an_interrupted_ablation_goes_on(arguments, tmp_path, monkeypatch, count
         return run(scenario, parameters, folder, seed)
 
     with monkeypatch.context() as patch:
-        patch.setattr(ablation_module, "run", interrupt)
+        patch.setattr(candidate_module, "run", interrupt)
         with pytest.raises(KeyboardInterrupt):
             ablate(cut)
     assert {path.name for path in cut.out.iterdir()} == {

@@ -355,7 +355,7 @@ def test_command(passloc):
     assert "2 results, 2 of them kept from before" in out
 
 
-@pytest.mark.parametrize("name", ["leaderboard", "card", "tune", "ablate"])
+@pytest.mark.parametrize("name", ["leaderboard", "card", "tune", "ablate", "seeds"])
 def test_help(passloc, name):
     status, out, err = passloc(name, "--help")
     assert (status, err) == (0, "")

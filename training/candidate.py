@@ -1,0 +1,84 @@
+"""Agents that are trained side by side to be compared, each trained once and kept."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from agents import LearnedPolicy
+from agents.agent_file import AgentFile
+from passloc_env.errors import InputError
+from passloc_env.scenario import Scenario
+from training.arguments import kept_folder
+from training.hyperparameters import Hyperparameters
+from training.progress import console
+from training.train import run
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A way of training: on what, how, from which seed, and where the agent is kept.
+
+    Attributes:
+        name: what tables call the agent.
+        scenario: what it is trained on, before the overrides of the hyperparameters.
+        parameters: how.
+        seed: of everything random.
+        folder: of its run.
+    """
+
+    name: str
+    scenario: Scenario
+    parameters: Hyperparameters
+    seed: int
+    folder: Path
+
+    @property
+    def trained(self) -> bool:
+        """Whether the agent is there already.
+
+        Raises:
+            AgentFileError: the folder holds something else.
+            InputError: the folder holds an agent of other settings.
+        """
+        if not self.folder.exists():
+            return False
+        card = AgentFile.load(self.folder).card
+        training = card["training"]
+        wanted = (self.scenario.override(self.parameters.overrides).to_dict(), dataclasses.asdict(self.parameters))
+        found = [card["scenario"], training["hyperparameters"]]
+        if found != json.loads(json.dumps(wanted)) or training["seed"] != self.seed:
+            raise InputError(f"{self.folder} holds an agent trained otherwise: name another folder with --out")
+        return True
+
+    def train(self) -> None:
+        """Train the agent; its folder appears when it is finished."""
+        partial = self.folder.with_name(self.folder.name + ".partial")
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir()
+        run(self.scenario, self.parameters, partial, self.seed)
+        partial.replace(self.folder)
+
+    @property
+    def policy(self) -> LearnedPolicy:
+        """The trained agent under its name in tables."""
+        return LearnedPolicy(AgentFile.load(self.folder), self.name)
+
+
+def train_missing(candidates: Sequence[Candidate], out: Path) -> None:
+    """Train those that are not there yet.
+
+    Raises:
+        AgentFileError: a candidate's folder holds something else.
+        InputError: a candidate's folder holds an agent of other settings; nothing has been trained then.
+        FileExistsError: ``out``, which holds the folders, is a file.
+    """
+    waiting = [candidate for candidate in candidates if not candidate.trained]
+    kept_folder(out)
+    for number, candidate in enumerate(waiting, 1):
+        console.print(f"training {number}/{len(waiting)}: {candidate.name}", highlight=False)
+        candidate.train()
