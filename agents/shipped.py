@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 from agents.agent_file import CARD, AgentFile, AgentFileError
@@ -54,10 +55,10 @@ def agents_for(scenario: str) -> tuple[str, ...]:
 
 
 def learned(scenario: Scenario) -> LearnedPolicy:
-    """The shipped agent made for a scenario, the first where there are several.
+    """The shipped agent made for a scenario, the first that fits where there are several.
 
     Raises:
-        AgentFileError: no shipped agent is for it, or it was changed so that its agent does not fit.
+        AgentFileError: no shipped agent is for it, or it was changed so that none of its agents fits.
     """
     names = agents_for(scenario.name)
     if not names:
@@ -66,12 +67,36 @@ def learned(scenario: Scenario) -> LearnedPolicy:
         raise AgentFileError(
             f"policy = 'learned' is not possible: no shipped agent flies {scenario.name}; scenarios with one: {known}"
         )
-    return load(names[0], scenario)
+    faults: list[AgentFileError] = []
+    for name in names:
+        try:
+            return load(name, scenario)
+        except AgentFileError as fault:
+            faults.append(fault)
+    raise faults[0]
 
 
 def ship(agent: AgentFile, name: str) -> Path:
-    """Put an agent among the shipped ones, in the place of one of the same name; its folder."""
+    """Put an agent among the shipped ones, in the place of one of the same name; its folder.
+
+    Where its run lay is nobody's business: the card's command loses its ``--out``.
+    """
+    training = agent.card.get("training", {})
+    if "command" in training:
+        training["command"] = _without_out(training["command"])
     folder = FOLDER / name
     folder.mkdir(parents=True, exist_ok=True)
     agent.save(folder)
     return folder
+
+
+def _without_out(command: str) -> str:
+    """A command without the option that names the folder of a run."""
+    words = iter(shlex.split(command))
+    kept = []
+    for word in words:
+        if word == "--out":
+            next(words, None)
+        elif not word.startswith("--out="):
+            kept.append(word)
+    return shlex.join(kept)

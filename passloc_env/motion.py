@@ -278,7 +278,7 @@ class UnknownTurn(Motion):
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
         """The turn rate."""
-        return (Nuisance("turn_rate", self.turn_rate_sigma, self.turn_rate_noise),)
+        return (Nuisance("turn_rate", self.turn_rate_sigma, self.turn_rate_noise, unit="rad/s"),)
 
     def propagate(self, state: Array, layout: StateLayout, period: float, time: Array) -> Array:
         """The state ``(n, …, N)`` after turning at its own rate for one period."""

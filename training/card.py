@@ -13,7 +13,7 @@ from agents.shipped import ship
 from passloc_env.errors import InputError
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
-from training.arguments import at_least_one, check_seed
+from training.arguments import at_least_one, check_seed, parse_overrides
 from training.commands import Card
 from training.evaluate import Verdict
 from training.judging import judge
@@ -30,6 +30,7 @@ def card(arguments: Card) -> Path:
 
     Raises:
         AgentFileError: unreadable files, or an agent that does not fit a scenario.
+        ScenarioError: an unknown field of a scenario, or an impossible value.
         InputError: an unknown scenario, impossible numbers, or a name that no folder should have.
     """
     check_seed(arguments.seed)
@@ -38,10 +39,11 @@ def card(arguments: Card) -> Path:
         raise InputError(f"name = {arguments.name!r} is not possible: letters, digits, - and _ alone")
     agent = AgentFile.load(arguments.run)
     names = arguments.scenarios.split(",") if arguments.scenarios else [agent.scenario.name]
-    scenarios = [find(name.strip()) for name in names]
+    changes = parse_overrides(arguments.override)
+    scenarios = [find(name.strip()).override(changes) for name in names]
     policies = [LearnedPolicy.load(arguments.run, scenario) for scenario in scenarios]
     agent.card["scores"] = [
-        scores(policy, scenario, arguments.episodes, arguments.seed)
+        {"overrides": changes, **scores(policy, scenario, arguments.episodes, arguments.seed)}
         for policy, scenario in zip(policies, scenarios, strict=True)
     ]
     agent.card["flies"] = [scenario.name for scenario in scenarios]

@@ -250,6 +250,8 @@ class Card:
     """Seed of the first episode; the others count up from it."""
     name: str = ""
     """Also put it among the shipped agents, by this name."""
+    override: tuple[str, ...] = ()
+    """Fields of the scenarios to change, as dotted.name=value: the tracker that the agent was trained with."""
 
 
 @dataclass(frozen=True)

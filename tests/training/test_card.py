@@ -90,3 +90,31 @@ def test_faults_are_one_line_and_change_nothing(run, refused, words, hint):
     assert hint in refused("card", *words)
     assert (run / CARD).read_bytes() == before
     assert not shipped.FOLDER.exists()
+
+
+def test_scores_of_a_changed_scenario_say_what_was_changed(run, passloc):
+    """An agent trained with another tracker is judged with that."""
+    words = ("--override", "tracker={type: UnscentedKalman}", "--episodes", "2", "--name", "Plain")
+    status, _, err = passloc("card", str(run), *words)
+    assert (status, err) == (0, "")
+    (entry,) = json.loads((run / CARD).read_text(encoding="utf-8"))["scores"]
+    assert (entry["overrides"], entry["tracker"]) == ({"tracker": {"type": "UnscentedKalman"}}, "UnscentedKalman")
+
+
+@pytest.mark.parametrize(
+    ("said", "kept"),
+    [
+        ("passloc train BearingsOnly --seed 0", "passloc train BearingsOnly --seed 0"),
+        ("passloc train X --out runs/a --seed 0", "passloc train X --seed 0"),
+        ("passloc train X --out=runs/a", "passloc train X"),
+        ("passloc train X --out 'two words/a' --seed 3", "passloc train X --seed 3"),
+        ("passloc train X --out '/home/me/it'\"'\"'s' --quiet", "passloc train X --quiet"),
+    ],
+)
+def test_shipped_cards_do_not_say_where_the_run_lay(run, said, kept):
+    agent = AgentFile.load(run)
+    agent.card["training"]["command"] = said
+    agent.save(run)
+    shipped.ship(AgentFile.load(run), "Moved")
+    assert AgentFile.load(shipped.FOLDER / "Moved").card["training"]["command"] == kept
+    assert AgentFile.load(run).card["training"]["command"] == said
