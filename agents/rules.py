@@ -18,10 +18,14 @@ from passloc_env.arrays import Array
 from passloc_env.belief import Belief
 from passloc_env.platforms import PlanarPose, Platform, TurnLimitedPlatform
 from passloc_env.scenario import Scenario
+from passloc_env.sightline import distance
 from passloc_env.units import DEGREE, MINUTE
 
 _TURN_ON_THE_SPOT = 30 * DEGREE
 """Turn per decision of a circle flown by a platform whose turn rate is unlimited."""
+
+_OPENING = 120.0
+"""Degrees from the line of sight: opens the range and still crosses it."""
 
 _LARGEST_TURN = 170 * DEGREE
 """A heading further to starboard would be reached by turning to port."""
@@ -35,6 +39,8 @@ class Helm:
     heading: Array
     line_of_sight: Array
     """Believed bearing of the emitter."""
+    range: Array
+    """Believed range, m."""
     time: Array
     interval: float
 
@@ -56,7 +62,9 @@ class Rule:
         emitter = belief.mean[belief.layout.position]
         for platform, pose in zip(belief.platforms, belief.poses, strict=True):
             if isinstance(platform, TurnLimitedPlatform) and isinstance(pose, PlanarPose):
-                helm = Helm(platform, pose.heading, bearing_of(emitter - pose.position), belief.time, belief.interval)
+                offset = emitter - pose.position
+                bearing, away = bearing_of(offset), distance(offset)
+                helm = Helm(platform, pose.heading, bearing, away, belief.time, belief.interval)
                 wanted = self.heading(helm)
                 parts.append(platform.action_towards(wanted, helm.heading, helm.line_of_sight, helm.interval)[None])
             else:
@@ -118,16 +126,22 @@ class Zigzag(Rule):
     Args:
         angle: between leg and line of sight, degrees.
         leg: seconds per leg.
+        first: seconds of the first leg, if it is another; 0 if not.
+        keep: believed range below which every leg leads away from the emitter, m.
     """
 
     name: str = "zigzag"
     angle: float = 60.0
     leg: float = 40.0
+    first: float = 0.0
+    keep: float = 0.0
 
     def heading(self, helm: Helm) -> Array:
         """The line of sight ± the angle, by the clock."""
-        side = np.where(np.floor(helm.time / self.leg) % 2 == 0, 1.0, -1.0)
-        return wrap(helm.line_of_sight + side * self.angle * DEGREE)
+        legs = np.floor((helm.time - (self.first or self.leg)) / self.leg) + 1.0
+        side = np.where(np.maximum(legs, 0.0) % 2 == 0, 1.0, -1.0)
+        angle = np.where(helm.range < self.keep, max(self.angle, _OPENING), self.angle)
+        return wrap(helm.line_of_sight + side * angle * DEGREE)
 
 
 @dataclass(frozen=True)
@@ -210,17 +224,27 @@ def stationary(scenario: Scenario) -> Stationary:
     return Stationary(overrides={f"platforms.{index}.speed": 0.0 for index in moving})
 
 
-def zigzag(scenario: Scenario, angle: float = 60.0, leg: float | None = None) -> Zigzag:
+def zigzag(
+    scenario: Scenario, angle: float = 60.0, leg: float | None = None, first: float = 0.0, keep: float = 0.0
+) -> Zigzag:
     """A zigzag whose legs are, unless told otherwise, a sixth of the episode in whole decisions.
 
     Raises:
-        ValueError: an angle beyond half a turn, or a leg that is not a positive time.
+        ValueError: an angle beyond half a turn, a leg that is not a positive time, or a negative first leg or range.
     """
     if not -180.0 <= angle <= 180.0:
         raise ValueError("angle must be from -180 to 180 degrees")
     if leg is not None and not 0.0 < leg < math.inf:
         raise ValueError("leg must be a finite number of seconds above 0")
+    for name, value in (("first", first), ("keep", keep)):
+        if not 0.0 <= value < math.inf:
+            raise ValueError(f"{name} must be a finite number of at least 0")
     episode = scenario.episode
     decisions = max(1, round(episode.duration / 6.0 / episode.interval))
     seconds = decisions * episode.interval if leg is None else leg
-    return Zigzag(name=f"zigzag {angle:g}° {seconds:g} s", angle=angle, leg=seconds)
+    words = [
+        f"zigzag {angle:g}° {seconds:g} s",
+        f"first {first:g} s" * (first > 0),
+        f"keep {keep / 1e3:g} km" * (keep > 0),
+    ]
+    return Zigzag(", ".join(filter(None, words)), angle=angle, leg=seconds, first=first, keep=keep)

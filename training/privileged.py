@@ -38,6 +38,9 @@ class WithTruth(VecEnvWrapper):
 
     The last observation of an episode cannot be told any more once the next one has begun: there the belief's own
     features are followed by zeros. Nothing is learnt from them unless time limits are bootstrapped.
+
+    Attributes:
+        seen: number of features that the actor sees, the first ones.
     """
 
     def __init__(self, venv: VecEnv) -> None:
@@ -46,8 +49,8 @@ class WithTruth(VecEnvWrapper):
             raise TypeError(f"{type(env).__name__} cannot tell the truth")
         self._batch = env.env.batch
         self._hidden = len(truth_names(self._batch.scenario))
-        seen = cast(spaces.Box, venv.observation_space).shape[0]
-        space = spaces.Box(-OBSERVATION_LIMIT, OBSERVATION_LIMIT, (seen + self._hidden,), np.float32)
+        self.seen = cast(spaces.Box, venv.observation_space).shape[0]
+        space = spaces.Box(-OBSERVATION_LIMIT, OBSERVATION_LIMIT, (self.seen + self._hidden,), np.float32)
         super().__init__(venv, observation_space=space)
 
     def reset(self) -> Any:

@@ -13,11 +13,10 @@ from typing import Any, cast
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.logger import configure
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from agents.agent_file import AgentFile
 from agents.shield import Shield
@@ -28,6 +27,7 @@ from passloc_env.spaces import observation_names
 from training.arguments import check_seed, new_folder, parse_overrides, read_scenario
 from training.commands import Train
 from training.curve import CurveCallback
+from training.families import Together, families_of, shares
 from training.hyperparameters import Hyperparameters
 from training.privileged import PrivilegedPolicy, WithTruth, truth_names
 from training.progress_callback import ProgressCallback
@@ -67,11 +67,11 @@ def check_training(scenario: Scenario, parameters: Hyperparameters) -> None:
 
     Raises:
         ScenarioError: an unknown field or an impossible value.
-        InputError: a mirror where there is no symmetry.
+        InputError: a mirror where there is no symmetry, or families that one agent cannot fly.
     """
-    trained = scenario.override(parameters.overrides)
-    if parameters.mirror:
-        MirrorSymmetry(trained)
+    for family in families_of(scenario, parameters):
+        if parameters.mirror:
+            MirrorSymmetry(family)
 
 
 def run(
@@ -84,6 +84,8 @@ def run(
 ) -> Run:
     """Train one agent into an existing, empty folder, on the scenario with the hyperparameters' overrides applied.
 
+    Where the hyperparameters name families, it meets all of them in equal parts.
+
     Args:
         scenario: the problem.
         parameters: how to train.
@@ -95,7 +97,7 @@ def run(
     torch.set_num_threads(1)
     trained = scenario.override(parameters.overrides)
     _write_configuration(folder, trained, parameters, seed)
-    env = learning_env(trained, parameters, seed)
+    env = learning_env(scenario, parameters, seed)
     model = build_ppo(env, parameters, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     curve = CurveCallback(folder / "curve.csv", watch)
@@ -113,17 +115,25 @@ def run(
 
 def learning_env(scenario: Scenario, parameters: Hyperparameters, seed: int) -> VecEnv:
     """The environments as the learner meets them, behind shield and mirror, with choices and scaled rewards."""
-    env: VecEnv = make_vec_env(scenario, parameters.environments, seed=seed, bootstrap_time_limit=False)
-    if parameters.shielded_training:
-        env = Guarded(env, Shield(parameters.shield_sigmas))
-    if parameters.privileged_critic:
-        env = WithTruth(env)
+    families = families_of(scenario, parameters)
+    counts = shares(parameters.environments, len(families))
+    worlds = [_world(family, parameters, count) for family, count in zip(families, counts, strict=True)]
+    env = worlds[0] if len(worlds) == 1 else Together(worlds)
+    env.seed(seed)
     if parameters.mirror:
-        further = truth_names(scenario) if parameters.privileged_critic else ()
-        env = Mirrored(env, MirrorSymmetry(scenario, further))
+        further = truth_names(families[0]) if parameters.privileged_critic else ()
+        env = Mirrored(env, MirrorSymmetry(families[0], further))
     if parameters.choices:
         env = Choosing(env, parameters.choices)
     return ScaledReward(env, parameters.reward_scale)
+
+
+def _world(family: Scenario, parameters: Hyperparameters, environments: int) -> VecEnv:
+    """Environments of one family, behind the shield, its truth told."""
+    world: VecEnv = make_vec_env(family, environments, bootstrap_time_limit=False)
+    if parameters.shielded_training:
+        world = Guarded(world, Shield(parameters.shield_sigmas))
+    return WithTruth(world) if parameters.privileged_critic else world
 
 
 def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> PPO:
@@ -133,7 +143,7 @@ def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> PPO:
         "log_std_init": parameters.initial_log_sigma,
     }
     if parameters.privileged_critic:
-        policy["seen"] = cast(spaces.Box, env.unwrapped.observation_space).shape[0]
+        policy["seen"] = cast(VecEnvWrapper, env).getattr_recursive("seen")
     return PPO(
         PrivilegedPolicy if parameters.privileged_critic else "MlpPolicy",
         env,

@@ -3,7 +3,8 @@
 *Moderate* is the non-manoeuvring case of Ristic, Arulampalam & Gordon, *Beyond the Kalman Filter*, ch. 6: moderately
 nonlinear. *Severe* is that of Leong, Arulampalam et al., IEEE Signal Processing Letters 21(5), 2014: a fast inbound
 target at three times the own speed, a poor prior, few and coarse bearings. Both are single fixed cases, meant for
-judging; the heading is free at each minute.
+judging; the heading is free at each minute. Their features are in units of the range to be kept: to an agent the cases
+are one problem on two scales.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def _own_ship(
         ),
         tracker=RangeBank(motion=_NEARLY_STRAIGHT),
         bound=Bound(motion=_NEARLY_STRAIGHT),
-        observation=BeliefFeatures(range_scale=5 * KILOMETRE, speed_scale=5 * KNOT),
+        observation=BeliefFeatures(range_scale=min_range / 0.3, speed_scale=min_range / (13 * MINUTE)),
         episode=Episode(steps=steps, period=MINUTE, decision_every=1, min_range=min_range),
     )
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from agents import Circle, FlyAt, Legs, Perpendicular, Policy, Random, Straight, find_policy
+from agents import Circle, FlyAt, Legs, Perpendicular, Policy, PolicyError, Random, Straight, find_policy
 from agents.rules import PUBLISHED_LEGS, stationary, zigzag
 from passloc_env import SCENARIOS, LocalisationVectorEnv, Scenario
 from passloc_env.angles import bearing_of, wrap
@@ -126,6 +126,32 @@ def test_zigzag_legs_and_angles(angle, leg):
     policy = find_policy(f"zigzag:angle={angle}:leg={leg}", SCENARIOS["BearingsOnly"])
     heading = flown(policy, believe(headings=np.zeros(len(times)), bearings=bearings, times=times))
     np.testing.assert_allclose(np.degrees(wrap(heading - bearings)), sides * angle, rtol=1e-9)
+
+
+def test_a_zigzag_may_begin_with_a_longer_leg():
+    """Eighteen minutes to starboard, then six to each side in turn, port first."""
+    minutes = np.array([0, 6, 17, 18, 23, 24, 29, 30, 36])
+    sides = np.array([1, 1, 1, -1, -1, 1, 1, -1, 1])
+    policy = find_policy("zigzag:angle=105:leg=360:first=1080", SCENARIOS["OwnShipSevere"])
+    assert policy.name == "zigzag 105° 360 s, first 1080 s"
+    bearings = np.linspace(-3.0, 3.0, len(minutes))
+    heading = flown(policy, believe(headings=np.zeros(len(minutes)), bearings=bearings, times=60.0 * minutes))
+    np.testing.assert_allclose(np.degrees(wrap(heading - bearings)), sides * 105.0, rtol=1e-9)
+
+
+def test_a_zigzag_opens_the_range_where_it_is_believed_too_small():
+    """The same legs on the same sides, 120° from the line of sight instead of 70°; 130° is wide enough already."""
+    offsets = believe(headings=np.zeros(2), bearings=np.zeros(2), times=np.array([0.0, 480.0]))
+    away = np.linalg.norm(offsets.mean[:2] - offsets.poses[0].position, axis=0)
+    for angle, keep, expected in ((70.0, 1.01, 120.0), (70.0, 0.99, 70.0), (130.0, 1.01, 130.0)):
+        policy = find_policy(f"zigzag:angle={angle}:leg=480:keep={keep * away[0]}", SCENARIOS["OwnShipModerate"])
+        np.testing.assert_allclose(np.degrees(flown(policy, offsets)), [expected, -expected], rtol=1e-9)
+
+
+@pytest.mark.parametrize("setting", ["first=-1", "keep=-1", "first=inf", "keep=nan", "leg=0"])
+def test_impossible_zigzags_are_refused(setting):
+    with pytest.raises(PolicyError, match=setting.split("=")[0]):
+        find_policy(f"zigzag:{setting}", SCENARIOS["OwnShipModerate"])
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

@@ -1,4 +1,7 @@
-"""passloc training: how agents are trained, scenario by scenario, in YAML files beside this module."""
+"""passloc training: how agents are trained, scenario by scenario, in YAML files beside this module.
+
+A file is for the scenario whose name it bears, and for those whose names begin so and have no file of their own.
+"""
 
 from __future__ import annotations
 
@@ -51,6 +54,10 @@ _ACCEPTS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "shielded_training": ("true or false", lambda value: isinstance(value, bool)),
     "privileged_critic": ("true or false", lambda value: isinstance(value, bool)),
     "overrides": ("a mapping from dotted names to values", lambda value: isinstance(value, dict)),
+    "families": (
+        "a list of mappings from dotted names to values",
+        lambda value: isinstance(value, tuple) and all(isinstance(item, dict) for item in value),
+    ),
 }
 """What each hyperparameter accepts, in words and as a test."""
 
@@ -95,6 +102,8 @@ class Hyperparameters:
     """Whether the critic is told the truth; the actor never is."""
     overrides: dict[str, Any] = field(default_factory=dict)
     """Scenario fields changed for training alone, by dotted name."""
+    families: tuple[dict[str, Any], ...] = ()
+    """Further changes, one mapping per family: the environments are shared out evenly among them."""
 
     def __post_init__(self) -> None:
         for name, (allowed, accepts) in _ACCEPTS.items():
@@ -114,12 +123,13 @@ class Hyperparameters:
         if not isinstance(data, dict) or not set(data) <= set(known):
             unknown = sorted(map(str, set(data) - set(known))) if isinstance(data, dict) else data
             raise HyperparameterError(f"{path}: unknown hyperparameters {unknown}; known: {', '.join(known)}")
-        if isinstance(data.get("network"), list):
-            data["network"] = tuple(data["network"])
+        for name in ("network", "families"):
+            if isinstance(data.get(name), list):
+                data[name] = tuple(data[name])
         return cls(**data)
 
     @classmethod
     def for_scenario(cls, name: str) -> Hyperparameters:
-        """The tuned file of a named scenario, or the defaults where there is none."""
-        path = _FOLDER / f"{name}.yaml"
-        return cls.load(path) if path.exists() else cls()
+        """Those of a named scenario: of the file with the longest name that its name begins with, or the defaults."""
+        files = [path for path in _FOLDER.glob("*.yaml") if name.startswith(path.stem)]
+        return cls.load(max(files, key=lambda path: len(path.stem))) if files else cls()
