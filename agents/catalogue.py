@@ -98,7 +98,7 @@ def find_policy(text: str, scenario: Scenario) -> Policy:
 
 def default_policies(scenario: Scenario) -> tuple[str, ...]:
     """The rules that every table of a scenario carries: those that something in it can follow."""
-    variants = {"zigzag": ("zigzag:angle=60", "zigzag:angle=30")}
+    variants = {"zigzag": ("zigzag:angle=60", "zigzag:angle=30", *rules.TUNED_ZIGZAGS.get(scenario.name, ()))}
     return tuple(text for name in rules_for(scenario) for text in variants.get(name, (name,)))
 
 

@@ -217,6 +217,13 @@ PUBLISHED_LEGS: dict[str, tuple[tuple[float, float], ...]] = {
 }
 """The own-ship legs of the literature, by scenario. A heading chosen after measurement k acts from k to k + 1."""
 
+TUNED_ZIGZAGS: dict[str, tuple[str, ...]] = dict.fromkeys(
+    ("OwnShipModerate", "OwnShipSevere"),
+    ("zigzag:angle=70:leg=480:keep=1800", "zigzag:angle=115:leg=360:first=1080:keep=2200"),
+)
+"""Of all zigzags the best on each of the own-ship cases, each on its own, that violate in at most 2 % of the episodes:
+by the RMS error at the end, on 1000 episodes from seed 5 000 000 on, which judge nothing."""
+
 
 def stationary(scenario: Scenario) -> Stationary:
     """The fixed station of a scenario."""

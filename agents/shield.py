@@ -77,14 +77,25 @@ class Shield:
         if not len(doubtful):
             return
         helm, flown, clearance = helm.take(doubtful), flown[:, doubtful], clearance[doubtful]
-        turns = 2.0 * math.pi / self.headings * np.arange(self.headings)
-        later = np.max([self._flee(helm, flown, turn, 1) for turn in turns], axis=0)
-        trapped = np.minimum(clearance, later) < 0.0
-        now = [self._flee(helm, helm.state, turn, 0) for turn in turns]
-        best = helm.action_away(helm.state, turns[np.argmax(now, axis=0)])
-        action[doubtful[trapped]] = best[trapped]
+        trapped = np.flatnonzero(np.minimum(clearance, self._ways_out(helm, flown, 1).max(axis=0)) < 0.0)
+        if len(trapped):
+            helm = helm.take(trapped)
+            best = self._turns[np.argmax(self._ways_out(helm, helm.state, 0), axis=0)]
+            action[doubtful[trapped]] = helm.action_away(helm.state, best)
 
-    def _flee(self, helm: _Helm, state: Array, turn: float, decision: int) -> Array:
+    @property
+    def _turns(self) -> Array:
+        """The ways out ``(h,)``, each so far to starboard of straight away, rad."""
+        return 2.0 * math.pi / self.headings * np.arange(self.headings, dtype=float)
+
+    def _ways_out(self, helm: _Helm, state: Array, decision: int) -> Array:
+        """The least clearance ``(h, N)`` on each way out; all of them are flown side by side."""
+        environments = state.shape[1]
+        columns = np.tile(np.arange(environments), self.headings)
+        turns = np.repeat(self._turns, environments)
+        return self._flee(helm.take(columns), state[:, columns], turns, decision).reshape(self.headings, environments)
+
+    def _flee(self, helm: _Helm, state: Array, turn: Number, decision: int) -> Array:
         """The least clearance ``(N,)`` on a heading so far to starboard of straight away, flown from a decision on."""
         least = np.full(state.shape[1], np.inf)
         for later in range(decision, decision + self.decisions):

@@ -91,7 +91,7 @@ def planners(variant: Variant) -> tuple[str, ...]:
         spans = ("horizon",)
     middle = len(spans) // 2
     if variant.name not in _THOROUGH:
-        return ("greedy", *spans[middle:], "shrinking")
+        return ("greedy", *spans, "shrinking")
     twins = ("greedy-truth", spans[middle].replace("horizon", "horizon-truth"), "shrinking-truth")
     return ("greedy", *spans, "shrinking", *twins)
 
