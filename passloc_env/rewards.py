@@ -214,6 +214,18 @@ class KeepOut(RewardTerm):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Violation(RewardTerm):
+    """−1 inside ``min_range``: where entering it ends the episode, the price of ending it so."""
+
+    name = "violation"
+    weight: float = quantity("weight", 100.0)
+
+    def score(self, outcome: Outcome) -> Array:
+        """Minus one where a commanded platform is too close."""
+        return -outcome.violated.astype(float)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ControlEffort(RewardTerm):
     """``−ω²/ω_ref²``: turning costs."""
 

@@ -23,6 +23,10 @@ class Estimate:
     low: float
     high: float
 
+    def scaled(self, scale: float) -> Estimate:
+        """The same in another unit."""
+        return Estimate(scale * self.value, scale * self.low, scale * self.high)
+
 
 class Bootstrap:
     """Resamples of the same episodes for every policy, so that comparisons stay paired.

@@ -8,9 +8,8 @@ from collections.abc import Callable, Sequence
 from rich.box import SIMPLE
 from rich.table import Table
 
-from passloc_env.rewards import PositionError
-from passloc_env.scenario import Scenario
 from training.evaluate import Evaluation, Verdict
+from training.score import score_of
 from training.statistics import Estimate
 
 _POLICY, _CONSISTENCY = "policy", "ANEES"
@@ -18,8 +17,8 @@ _POLICY, _CONSISTENCY = "policy", "ANEES"
 
 def with_interval(estimate: Estimate, digits: int, scale: float = 1.0) -> str:
     """A value times a scale and, in brackets, its interval."""
-    value, low, high = (scale * number for number in (estimate.value, estimate.low, estimate.high))
-    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+    shown = estimate.scaled(scale)
+    return f"{shown.value:.{digits}f} [{shown.low:.{digits}f}, {shown.high:.{digits}f}]"
 
 
 def _digits(value: float) -> int:
@@ -59,8 +58,7 @@ def notes(evaluation: Evaluation, columns: Sequence[str] = tuple(COLUMNS)) -> st
     if any(sensor.noise_law == "uniform" for sensor in scenario.sensors):
         sentences.append("Uniform noise has no such bound: it is that of normal noise of the same variance.")
     sentences.append(f"End error: median position error, over {away} and in metres.")
-    if _rewards_metres(scenario):
-        sentences.append("Sorted by the end error in metres, which the reward counts.")
+    sentences += filter(None, [score_of(scenario).remark])
     sentences.append(_violations(scenario.episode.min_range))
     sentences.append("Brackets: 95 % intervals (paired bootstrap; Wilson for rates).")
     if _CONSISTENCY in columns:
@@ -69,11 +67,6 @@ def notes(evaluation: Evaluation, columns: Sequence[str] = tuple(COLUMNS)) -> st
     if hidden:
         sentences.append(f"No room for {', '.join(hidden)}: widen the terminal or use --json.")
     return " ".join(sentences)
-
-
-def _rewards_metres(scenario: Scenario) -> bool:
-    """Whether the reward counts the position error itself, because the range means little."""
-    return any(isinstance(term, PositionError) for term in scenario.reward)
 
 
 def _violations(min_range: float) -> str:
@@ -123,7 +116,6 @@ def markdown_table(evaluation: Evaluation) -> str:
 
 
 def ranked(evaluation: Evaluation) -> list[Verdict]:
-    """The verdicts, best log range bound first, or best end error in metres where the reward counts that."""
-    if _rewards_metres(evaluation.scenario):
-        return sorted(evaluation.verdicts, key=lambda verdict: verdict.end_position_error.value)
-    return sorted(evaluation.verdicts, key=lambda verdict: verdict.log_range_bound.value)
+    """The verdicts, best score first."""
+    score = score_of(evaluation.scenario)
+    return sorted(evaluation.verdicts, key=lambda verdict: score.of(verdict).value)

@@ -22,6 +22,7 @@ from passloc_env.rewards import (
     PositionError,
     RangeBound,
     TrackingError,
+    Violation,
 )
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
@@ -206,6 +207,11 @@ def test_the_final_bound_counts_once() -> None:
     np.testing.assert_array_equal(term.score(outcome()), [0.0])
     ended = term.score(outcome(last=np.ones(1, bool)))
     np.testing.assert_allclose(ended, -math.log(math.sqrt(1300.0) / 100.0), rtol=1e-14)
+
+
+@pytest.mark.parametrize(("distance", "expected"), [(MIN_RANGE * 1.001, 0.0), (MIN_RANGE * 0.999, -1.0), (10.0, -1.0)])
+def test_a_violation_counts_the_same_however_deep(distance: float, expected: float) -> None:
+    np.testing.assert_array_equal(Violation().score(outcome(distance)), [expected])
 
 
 def test_certainty_is_the_beliefs_own() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from agents import RULE_NAMES, LearnedPolicy, Policy, TruthKnowing, agents_for, default_policies, find_policy
@@ -13,6 +13,7 @@ from passloc_env.units import MINUTE
 from training.leaderboard.variants import Variant
 from training.optimum import NAME, Settings
 from training.optimum.future import check
+from training.score import END_RMS, score_of
 
 Kind = Literal["rule", "planner", "learned", "truth", "optimum"]
 
@@ -75,6 +76,13 @@ def entrants(variant: Variant, names: str = "") -> tuple[list[Entrant], list[str
     return _unique(found), notes
 
 
+def settings(variant: Variant) -> Settings:
+    """How the trajectory optimum of a variant is searched: for the bound that its score is about."""
+    if score_of(variant.scenario) is END_RMS:
+        return replace(SETTINGS, objective="end_position_bound")
+    return SETTINGS
+
+
 def planners(variant: Variant) -> tuple[str, ...]:
     """The planners that fly a variant by default, as :func:`agents.find_policy` takes them."""
     scenario = variant.scenario
@@ -86,7 +94,7 @@ def planners(variant: Variant) -> tuple[str, ...]:
     if interval <= _QUICK_DECISIONS:
         spans: tuple[str, ...] = ("horizon:seconds=24", "horizon:seconds=48", "horizon:seconds=96")
     elif interval == MINUTE:
-        spans = ("horizon:seconds=480", "horizon:seconds=960")
+        spans = ("horizon:seconds=480", "horizon:seconds=960", "shrinking:objective=A:over=end")
     else:
         spans = ("horizon",)
     middle = len(spans) // 2
@@ -99,7 +107,7 @@ def planners(variant: Variant) -> tuple[str, ...]:
 def _entrant(text: str, variant: Variant) -> Entrant:
     if text == OPTIMUM:
         check(variant.scenario)
-        return Entrant(NAME, "optimum", None, repr(SETTINGS))
+        return Entrant(NAME, "optimum", None, repr(settings(variant)))
     policy = find_policy(text, variant.scenario)
     return Entrant(policy.name, _kind(text, policy), policy, _stamp(policy))
 

@@ -15,6 +15,7 @@ from training.commands import EVALUATION_SEED, Leaderboard
 from training.evaluate import Evaluation, Verdict
 from training.files import write_whole
 from training.leaderboard.picture import MANY_VIOLATIONS, draw
+from training.score import END_RMS, score_of
 from training.statistics import Bootstrap
 from training.table import COLUMNS, notes, ranked, title, with_interval
 
@@ -23,20 +24,19 @@ if TYPE_CHECKING:
 
 _HEAD = """# Leaderboard
 
-Everybody flies the same unseen episodes of every scenario. The score is the log range bound: the mean over time of
-ln(σ_r / r), where σ_r is the Cramér–Rao bound on the range along the path flown and r the true range. Lower is better:
-0.1 less is a range that could be known 10 % better all the time. It judges the path alone; what the tracker made of it
-is in the end error.
+Everybody flies the same unseen episodes of every scenario. The score of most is the log range bound: the mean over time
+of ln(σ_r / r), where σ_r is the Cramér–Rao bound on the range along the path flown and r the true range. Lower is
+better: 0.1 less is a range that could be known 10 % better all the time. It judges the path alone; what the tracker
+made of it is in the end error. The own-ship cases of the literature are scored by the last estimate, its position error
+RMS over the episodes, and CrossFix, which has no range to speak of, by the median of the same.
 
 *Rules, planners and learned agents* see the belief and nothing else. Policies with *truth* in their name are told what
 nobody can know: a planner with *-truth* knows where the emitter is now, the *trajectory optimum* all of its future.
-They show how much room is left; the optimum is heuristic, found by gradient from several starts. Brackets are 95 %
+They show how much room is left; the optimum is heuristic, found by gradient from several starts, and minimises the
+bound: the mean log range bound, or the bound on the last position where that is the score. Brackets are 95 %
 intervals, paired where one policy is compared with another. In the pictures the dotted line is the reference and the
 dashed one the optimum. Hollow markers: violations of the keep-out in more than 1 % of the episodes; such a bound was
 bought by flying where one must not."""
-
-_IN_KILOMETRES = ("OwnShipModerate", "OwnShipSevere")
-"""Scenarios whose literature reports the position error at the end."""
 
 _SHARED_BEFORE = ("end error, %",)
 _SHARED_AFTER = ("violations, %", "lost, %", "RMS / bound", "ANEES", "ms/decision")
@@ -60,7 +60,7 @@ def write(sections: Sequence[Section], arguments: Leaderboard) -> list[Path]:
 
 def _summary(sections: Sequence[Section]) -> str:
     """The best policy of each variant that knows no more than it may and keeps out of where it must not be."""
-    header = ("scenario", "best policy", "log range bound", "reference", "minus reference's", "optimum", "of the room")
+    header = ("scenario", "score", "best policy", "its score", "reference", "optimum", "of the room")
     rows = [_summary_row(section) for section in sections]
     low = 100.0 * MANY_VIOLATIONS
     explained = (
@@ -78,17 +78,21 @@ def _summary_row(section: Section) -> tuple[str, ...]:
         for verdict in verdicts
         if kinds[verdict.policy] in ("rule", "planner", "learned") and verdict.violations.value <= MANY_VIOLATIONS
     ]
-    optimum = next((v.log_range_bound.value for v in verdicts if kinds[v.policy] == "optimum"), math.nan)
+    score, reference = score_of(section.evaluation.scenario), section.evaluation.reference
+    values = {verdict.policy: score.of(verdict).value for verdict in verdicts}
+    optimum = next((values[name] for name in values if kinds[name] == "optimum"), math.nan)
     link = f"[{section.variant.title}](#{_anchor(section.variant.title)})"
-    known = "–" if math.isnan(optimum) else f"{optimum:.3f}"
-    reference = section.evaluation.reference
+    known, referred = (
+        "–" if math.isnan(value) else f"{score.scale * value:.{score.digits}f}"
+        for value in (optimum, values[reference])
+    )
     if not fair:
-        return link, "none", "–", reference, "–", known, "–"
+        return link, score.column, "none", "–", f"{reference} {referred}", known, "–"
     best = fair[0]
-    room = best.advantage.value - best.log_range_bound.value + optimum
-    share = "–" if not room < 0.0 else f"{100.0 * best.advantage.value / room:.0f} %"
-    bound, gain = COLUMNS["log range bound"](best), with_interval(best.advantage, 3)
-    return link, best.policy, bound, reference, gain, known, share
+    room = values[reference] - optimum
+    share = f"{100.0 * (values[reference] - values[best.policy]) / room:.0f} %" if room > 0.0 else "–"
+    value = with_interval(score.of(best), score.digits, score.scale)
+    return link, score.column, best.policy, value, f"{reference} {referred}", known, share
 
 
 def _section(section: Section) -> str:
@@ -99,7 +103,7 @@ def _section(section: Section) -> str:
     parts = [
         f"## {variant.title}",
         f"{title(evaluation)}.",
-        f"![Log range bound of every policy on {variant.title}]({variant.name}.png)",
+        f"![Score of every policy on {variant.title}]({variant.name}.png)",
         _table(tuple(columns), rows),
         f"*{' '.join(remarks)}*",
     ]
@@ -111,9 +115,9 @@ def _columns(evaluation: Evaluation) -> dict[str, Column]:
     columns: dict[str, Column] = {name: COLUMNS[name] for name in ("policy", "log range bound")}
     columns[f"minus {evaluation.reference}'s"] = lambda verdict: with_interval(verdict.advantage, 3)
     columns |= {name: COLUMNS[name] for name in _SHARED_BEFORE}
-    if evaluation.scenario.name in _IN_KILOMETRES:
+    if score_of(evaluation.scenario) is END_RMS:
         bootstrap = Bootstrap(evaluation.episodes)
-        columns["end error RMS, km"] = lambda verdict: with_interval(verdict.end_rms, 3, 1e-3)
+        columns[END_RMS.column] = lambda verdict: with_interval(verdict.end_rms, 3, 1e-3)
         for name, percent in _PERCENTILES.items():
             columns[f"{name}, km"] = functools.partial(_kilometres, evaluation, bootstrap, percent)
     return columns | {name: COLUMNS[name] for name in _SHARED_AFTER}

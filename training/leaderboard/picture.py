@@ -1,4 +1,4 @@
-"""One picture per variant: everybody's log range bound with its interval, best on top."""
+"""One picture per variant: everybody's score with its interval, best on top."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from training.evaluate import Evaluation, Verdict
 from training.leaderboard.entrants import Entrant, Kind
+from training.score import LOG_RANGE_BOUND, score_of
+from training.statistics import Estimate
 from training.table import ranked
 
 COLOURS: dict[Kind, str] = {
@@ -65,19 +67,25 @@ def draw(title: str, evaluation: Evaluation, found: Sequence[Entrant], path: Pat
     kinds = {entrant.name: entrant.kind for entrant in found}
     verdicts = list(reversed(ranked(evaluation)))
     figure, axes = plt.subplots(figsize=(8.6, 1.9 + 0.29 * len(verdicts)), layout="constrained")
+    score = score_of(evaluation.scenario)
     for row, verdict in enumerate(verdicts):
-        _draw_row(axes, row, verdict, kinds[verdict.policy])
+        estimate = score.of(verdict).scaled(score.scale)
+        _draw_row(axes, row, estimate, kinds[verdict.policy], _hollow(verdict))
         if verdict.policy == evaluation.reference or kinds[verdict.policy] == "optimum":
             style = ":" if verdict.policy == evaluation.reference else "--"
-            axes.axvline(verdict.log_range_bound.value, color="0.45", lw=1.0, ls=style, zorder=0)
+            axes.axvline(estimate.value, color="0.45", lw=1.0, ls=style, zorder=0)
     axes.set_yticks(range(len(verdicts)), [verdict.policy for verdict in verdicts])
     axes.set_ylim(-0.7, len(verdicts) - 0.3)
     axes.tick_params(axis="y", length=0)
-    axes.set_xlabel(r"log range bound: mean over time of $\ln(\sigma_r / r)$; further left is better")
+    axes.set_xlabel(score.axis)
     axes.grid(axis="both", color="0.9", lw=0.8)
     axes.set_axisbelow(True)
     axes.spines[["left", "right"]].set_visible(False)
-    _percent_axis(axes)
+    if score is LOG_RANGE_BOUND:
+        _percent_axis(axes)
+    else:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
     hollow = any(_hollow(verdict) for verdict in verdicts)
     shown = [kind for kind in COLOURS if kind in kinds.values()]
     handles = _legend(shown, hollow)
@@ -88,10 +96,10 @@ def draw(title: str, evaluation: Evaluation, found: Sequence[Entrant], path: Pat
     plt.close(figure)
 
 
-def _draw_row(axes: Axes, row: int, verdict: Verdict, kind: Kind) -> None:
-    estimate, colour = verdict.log_range_bound, COLOURS[kind]
+def _draw_row(axes: Axes, row: int, estimate: Estimate, kind: Kind, hollow: bool) -> None:
+    colour = COLOURS[kind]
     axes.plot([estimate.low, estimate.high], [row, row], color=colour, lw=4.5, alpha=0.4, solid_capstyle="butt")
-    face = "white" if _hollow(verdict) else colour
+    face = "white" if hollow else colour
     axes.plot(estimate.value, row, _MARKERS[kind], ms=_SIZES[kind], color=colour, mfc=face, mew=1.3, zorder=3)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from training.episodes import Scores, fly
-from training.leaderboard.entrants import SETTINGS, Entrant
+from training.leaderboard.entrants import Entrant, settings
 from training.leaderboard.variants import Variant
 from training.optimum import optimise
 
@@ -59,7 +59,9 @@ class Store:
             seeds = range(self.seed, self.seed + self.episodes)
             path = self._path(variant, entrant, "paths")
             path.parent.mkdir(parents=True, exist_ok=True)
-            policy = optimise(variant.scenario, seeds, **vars(SETTINGS), cache=path, progress=progress).policy()
+            policy = optimise(
+                variant.scenario, seeds, **vars(settings(variant)), cache=path, progress=progress
+            ).policy()
             scores, seconds = fly(variant.scenario, policy, self.episodes, self.seed)
         else:
             scores, seconds = fly(variant.scenario, policy, self.episodes, self.seed, progress)
