@@ -269,6 +269,8 @@ class Bench:
     """Interleaved rounds; the medians count."""
     seconds: float = 0.3
     """Seconds per candidate and round."""
+    trackers: bool = True
+    """Also the trackers alone, each beside FilterPy's filters."""
     learning: bool = True
     """Also PPO end to end."""
     json: Path | None = None

@@ -18,7 +18,7 @@ from training.benchmark import Bench, harness, report
 from training.benchmark.report import Results, Spread, spread
 
 BEARING_DOPPLER = SCENARIOS["BearingDoppler"]
-TINY = Bench(sizes=(1, 3), rounds=2, seconds=0.001, learning=False)
+TINY = Bench(sizes=(1, 3), rounds=2, seconds=0.001, trackers=False, learning=False)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_the_peer_is_compared_with_itself(results: Results) -> None:
 
 def test_json_holds_everything(results: Results) -> None:
     data = json.loads(results.to_json())
-    assert set(data) == {"command", "date", "machine", "stepping", "learning"}
+    assert set(data) == {"command", "date", "machine", "stepping", "trackers", "learning"}
     assert data["stepping"]["rows"][0]["cpu_ratio"] == {"median": 1.0, "low": 1.0, "high": 1.0}
     assert {"numpy", "filterpy", "gymnasium"} <= set(data["machine"]["versions"])
     assert data["machine"]["cores"] >= 1
@@ -73,7 +73,7 @@ def test_the_table_fits_a_terminal(results: Results) -> None:
 
 def test_run_prints_tables_and_writes_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bench.json"
-    arguments = Bench(sizes=(), rounds=1, seconds=0.001, learning=False, json=path)
+    arguments = Bench(sizes=(), rounds=1, seconds=0.001, trackers=False, learning=False, json=path)
     found = benchmark.run(arguments, date="2000-01-01")
     assert path.read_text(encoding="utf-8") == found.to_json()
     assert found.date == "2000-01-01"
@@ -100,7 +100,7 @@ def test_tables_print(results: Results) -> None:
     ("arguments", "command"),
     [
         (Bench(), "passloc bench"),
-        (TINY, "passloc bench --sizes 1 3 --rounds 2 --seconds 0.001 --no-learning"),
+        (TINY, "passloc bench --sizes 1 3 --rounds 2 --seconds 0.001 --no-trackers --no-learning"),
         (Bench(json=Path("x.json")), "passloc bench"),
     ],
 )

@@ -11,7 +11,8 @@ pytest.importorskip("stonesoup")
 
 from training.benchmark.peer_tracking import build_filter
 from training.benchmark.peer_world import wrap
-from training.benchmark.stone_soup import BearingDopplerModel, StoneSoupTracker, record
+from training.benchmark.recording import record
+from training.benchmark.stone_soup import BearingDopplerModel, StoneSoupTracker
 
 SCENARIO = SCENARIOS["BearingDoppler"]
 

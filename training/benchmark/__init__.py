@@ -18,6 +18,9 @@ from training.commands import Bench
 if TYPE_CHECKING:
     from training.benchmark.report import Results
 
+TRACKED = 1024
+"""Environments in which the trackers alone are measured."""
+
 __all__ = ["Bench", "command", "measure", "run"]
 
 
@@ -51,12 +54,17 @@ def measure(arguments: Bench, date: str | None = None) -> Results:
     from training.benchmark.report import Results, this_machine
 
     stepping = measure_stepping(SCENARIOS["BearingDoppler"], arguments.sizes, arguments.rounds, arguments.seconds)
+    trackers = None
+    if arguments.trackers:
+        from training.benchmark.trackers import measure_trackers
+
+        trackers = measure_trackers(SCENARIOS["BearingDoppler"], TRACKED, arguments.rounds, arguments.seconds)
     learning = None
     if arguments.learning:
         from training.benchmark.learning import Plan, measure_learning
 
         learning = measure_learning(SCENARIOS["BearingsOnly"], arguments.rounds, Plan())
-    return Results(command(arguments), date, this_machine(), stepping, learning)
+    return Results(command(arguments), date, this_machine(), stepping, trackers, learning)
 
 
 def command(arguments: Bench) -> str:

@@ -17,6 +17,7 @@ from gymnasium.vector import AutoresetMode
 
 from passloc_env import LocalisationEnv, LocalisationVectorEnv, Scenario
 from training.benchmark.filterpy_env import FilterPyEnv
+from training.benchmark.recording import record
 from training.benchmark.report import Row, Stepping, spread
 
 PEER = "FilterPy environment"
@@ -139,7 +140,7 @@ class StoneSoupCandidate:
     note = "tracker only: no world, bound, reward or observation"
 
     def __init__(self, scenario: Scenario, random: np.random.Generator) -> None:
-        from training.benchmark.stone_soup import StoneSoupTracker, record
+        from training.benchmark.stone_soup import StoneSoupTracker
 
         self._tracker, self._looks = StoneSoupTracker(scenario), record(scenario, random)
         self._next = 0
@@ -169,15 +170,23 @@ def measure_stepping(scenario: Scenario, sizes: Sequence[int], rounds: int, seco
         seconds: wall time of each turn at least, s.
     """
     candidates, notes = _candidates(scenario, sizes)
+    rows = compare(candidates, [candidates[0]] * len(candidates), rounds, seconds)
+    return Stepping(scenario.name, rounds, seconds, rows, notes)
+
+
+def compare(candidates: Sequence[Candidate], peers: Sequence[Candidate], rounds: int, seconds: float) -> list[Row]:
+    """Let everybody work in turns; one row per candidate, with its ratio to its own peer, which is another of them."""
     for candidate in candidates:
         candidate.warm_up()
     slices: list[list[Slice]] = [[] for _ in candidates]
     for _ in range(rounds):
         for candidate, own in zip(candidates, slices, strict=True):
             own.append(_slice(candidate, seconds))
-    peer = slices[0]
-    rows = [_row(candidate, own, peer) for candidate, own in zip(candidates, slices, strict=True)]
-    return Stepping(scenario.name, rounds, seconds, rows, notes)
+    found = {id(candidate): own for candidate, own in zip(candidates, slices, strict=True)}
+    return [
+        _row(candidate, found[id(candidate)], found[id(peer)])
+        for candidate, peer in zip(candidates, peers, strict=True)
+    ]
 
 
 def _candidates(scenario: Scenario, sizes: Sequence[int]) -> tuple[list[Candidate], list[str]]:

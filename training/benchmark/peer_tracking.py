@@ -6,6 +6,7 @@ States are east, north and their rates, as in :class:`passloc_env.layout.StateLa
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ from passloc_env.motion import ConstantVelocity, Motion
 from passloc_env.sensors import Bearing, Doppler
 from passloc_env.tracking import RangePrior, UnscentedKalman
 from training.benchmark.peer_world import OwnShip, wrap
+
+Move = Callable[[Array, float], Array]
 
 
 def transition(period: float) -> Array:
@@ -59,21 +62,26 @@ def prior_covariance(prior: RangePrior, bearing: float, across: float) -> Array:
     return covariance
 
 
-def build_filter(scenario: Scenario) -> Any:
+def build_filter(scenario: Scenario, move: Move | None = None, states: int = 4) -> Any:
     """FilterPy's unscented filter; call ``update(z, own=…, reference=…)`` with bearings relative to ``reference``.
 
     Bearings are taken from a reference near the emitter, so that none of them comes close to ±π and FilterPy's fast
     path for plain vectors, without mean and residual functions, is right.
+
+    Args:
+        scenario: what is heard, and how FilterPy is set.
+        move: where a state ``(n,)`` is one period (s) later; by default straight on.
+        states: n; the first four are east, north and their rates. More than four come without process noise.
     """
     tracker, period, shift = scenario.tracker, scenario.episode.period, doppler_scale(scenario)
     assert isinstance(tracker, UnscentedKalman)
     matrix = transition(period)
 
-    def move(state: Array, _: float) -> Array:
+    def straight(state: Array, _: float) -> Array:
         return matrix @ state
 
     def measure(state: Array, own: OwnShip, reference: float) -> list[float]:
-        east, north, v_east, v_north = state.tolist()
+        east, north, v_east, v_north = state[:4].tolist()
         x, y = east - own.east, north - own.north
         bearing = wrap(math.atan2(x, y) - reference)
         if not shift:
@@ -81,10 +89,11 @@ def build_filter(scenario: Scenario) -> Any:
         own_east, own_north = own.velocity
         return [bearing, shift * (x * (v_east - own_east) + y * (v_north - own_north)) / math.hypot(x, y)]
 
-    points = MerweScaledSigmaPoints(4, tracker.alpha, tracker.beta, tracker.kappa, sqrt_method=robust_root)
+    points = MerweScaledSigmaPoints(states, tracker.alpha, tracker.beta, tracker.kappa, sqrt_method=robust_root)
     scalars = len(scenario.sensors)
-    kalman = UnscentedKalmanFilter(4, scalars, period, measure, move, points)
-    kalman.Q, kalman.R = process_noise(tracker.motion, period), measurement_noise(scenario)
+    kalman = UnscentedKalmanFilter(states, scalars, period, measure, move or straight, points)
+    kalman.Q, kalman.R = np.zeros((states, states)), measurement_noise(scenario)
+    kalman.Q[:4, :4] = process_noise(tracker.motion, period)
     return kalman
 
 

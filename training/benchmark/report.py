@@ -9,7 +9,7 @@ import os
 import platform
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -46,7 +46,7 @@ class Row:
         environments: how many ran together.
         per_cpu_second: sensor steps per second of processor time.
         per_wall_second: sensor steps per second on the clock.
-        cpu_ratio: the former against the FilterPy environment in the same round.
+        cpu_ratio: the former against FilterPy's side in the same round.
         wall_ratio: the latter against it.
         note: what sets it apart from a full environment step; empty when nothing does.
     """
@@ -153,6 +153,7 @@ class Results:
         date: when, if it was given.
         machine: where.
         stepping: the environments alone.
+        trackers: the trackers alone, unless left out.
         learning: PPO, unless left out.
     """
 
@@ -160,7 +161,8 @@ class Results:
     date: str | None
     machine: Machine
     stepping: Stepping
-    learning: Learning | None = field(default=None)
+    trackers: Stepping | None = None
+    learning: Learning | None = None
 
     def to_json(self) -> str:
         """JSON text with every number."""
@@ -185,9 +187,10 @@ def show(results: Results, console: Console | None = None) -> None:
     machine = results.machine
     versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
     console.print(f"{machine.processor}, {machine.cores} cores; Python {machine.python}; {versions}", style="dim")
-    console.print(_stepping_table(results.stepping))
-    remarks = [f"{row.name}: {row.note}." for row in results.stepping.rows if row.note]
-    _print_notes(console, remarks + results.stepping.notes)
+    for stepping in filter(None, (results.stepping, results.trackers)):
+        console.print(_stepping_table(stepping))
+        remarks = [f"{row.name}: {row.note}." for row in stepping.rows if row.note]
+        _print_notes(console, remarks + stepping.notes)
     if results.learning is not None:
         console.print(_learning_table(results.learning))
         _print_notes(console, results.learning.notes)

@@ -5,10 +5,8 @@ Importing this module imports Stone Soup, which only the ``dev`` extra installs.
 
 from __future__ import annotations
 
-import copy
 import datetime
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,7 +22,6 @@ from stonesoup.updater.kalman import UnscentedKalmanUpdater
 
 from passloc_env import Scenario
 from passloc_env.arrays import Array
-from passloc_env.platforms import TurnLimitedPlatform
 from passloc_env.tracking import RangePrior, UnscentedKalman
 from training.benchmark.peer_tracking import (
     doppler_scale,
@@ -33,39 +30,10 @@ from training.benchmark.peer_tracking import (
     process_noise,
     transition,
 )
-from training.benchmark.peer_world import Emitter, OwnShip, draw, wrap
+from training.benchmark.peer_world import wrap
+from training.benchmark.recording import Look
 
 _EPOCH = datetime.datetime(2000, 1, 1)
-
-
-@dataclass(frozen=True)
-class Look:
-    """One measurement and whence it was made: absolute bearing (rad) and Doppler shift (Hz)."""
-
-    own: OwnShip
-    bearing: float
-    shift: float
-
-
-def record(scenario: Scenario, random: np.random.Generator) -> list[Look]:
-    """The first look and all measurements of an episode flown with random headings."""
-    chance, own_platform = draw(scenario, random), scenario.platforms[0]
-    assert isinstance(own_platform, TurnLimitedPlatform)
-    emitter, own = Emitter(chance), OwnShip(chance, float(own_platform.max_turn_rate))
-    noise = chance.noise @ np.sqrt(measurement_noise(scenario))
-    episode, scale = scenario.episode, doppler_scale(scenario)
-    looks = []
-    for step in range(episode.steps + 1):
-        if step:
-            own.move(episode.period)
-            emitter.move((step - 1) * episode.period, episode.period)
-        x, y = emitter.east - own.east, emitter.north - own.north
-        (v_east, v_north), (own_east, own_north) = emitter.velocity, own.velocity
-        rate = (x * (v_east - own_east) + y * (v_north - own_north)) / math.hypot(x, y)
-        looks.append(Look(copy.copy(own), math.atan2(x, y) + noise[step, 0], scale * rate + noise[step, -1]))
-        if step % episode.decision_every == 0:
-            own.set_point = random.uniform(-math.pi, math.pi)
-    return looks
 
 
 class BearingDopplerModel(NonLinearGaussianMeasurement):  # type: ignore[misc]

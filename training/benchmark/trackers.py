@@ -1,0 +1,179 @@
+"""Trackers alone: a batch of passloc's beside FilterPy's filters, one environment at a time.
+
+FilterPy's side does less: it has the unscented filters that a tracker is made of, but neither weighs nor mixes them.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from passloc_env import Scenario
+from passloc_env.arrays import Array
+from passloc_env.platforms import Pose
+from passloc_env.simulation import Simulation
+from passloc_env.tracking import (
+    InteractingModels,
+    RangeBank,
+    SquareRootKalman,
+    Tracker,
+    UnscentedKalman,
+)
+from training.benchmark.harness import compare
+from training.benchmark.peer_tracking import Move, build_filter, prior_covariance
+from training.benchmark.peer_world import wrap
+from training.benchmark.recording import record
+from training.benchmark.report import Stepping
+
+_DECISIONS = 15
+"""Decisions of the recorded episodes, which are played again and again."""
+
+
+def accelerated(state: Array, period: float) -> Array:
+    """East, north, their rates and accelerations one period later."""
+    moved = state.copy()
+    moved[:2] += period * state[2:4] + 0.5 * period * period * state[4:]
+    moved[2:4] += period * state[4:]
+    return moved
+
+
+def turning(state: Array, period: float) -> Array:
+    """East, north, their rates and the turn rate to starboard one period later."""
+    east, north, v_east, v_north, rate = state.tolist()
+    angle = rate * period
+    if abs(angle) < 1e-9:
+        return np.array([east + period * v_east, north + period * v_north, v_east, v_north, rate])
+    sine, versine = math.sin(angle), 1.0 - math.cos(angle)
+    return np.array(
+        [
+            east + (sine * v_east + versine * v_north) / rate,
+            north + (sine * v_north - versine * v_east) / rate,
+            (1.0 - versine) * v_east + sine * v_north,
+            (1.0 - versine) * v_north - sine * v_east,
+            rate,
+        ]
+    )
+
+
+STRAIGHT: tuple[Move | None, int] = (None, 4)
+MOTIONS: tuple[tuple[Move | None, int], ...] = (STRAIGHT, (accelerated, 6), (turning, 5))
+"""What FilterPy's filters move by, and how many states that takes: those of :class:`InteractingModels`."""
+
+
+class TrackerCandidate:
+    """A batch of tracks on recorded measurements."""
+
+    note = ""
+
+    def __init__(self, name: str, scenario: Scenario, environments: int) -> None:
+        self.name, self.environments = name, environments
+        simulation = Simulation(scenario.override({"episode.early_end": False}), environments)
+        generators = [np.random.default_rng(index) for index in range(environments)]
+        simulation.reset(np.arange(environments), generators)
+        self._track = simulation.track
+        self._start = {key: array.copy() for key, array in self._track.state_arrays().items()}
+        self._looks: list[tuple[Array, Array, list[Pose]]] = []
+        simulation.watchers.append(self._record)
+        random = np.random.default_rng(0)
+        for _ in range(_DECISIONS):
+            simulation.step(random.uniform(-1.0, 1.0, (1, environments)))
+        self._next = len(self._looks)
+
+    def _record(self, simulation: Simulation) -> None:
+        scene = simulation.scene()
+        measurement, _ = simulation.measure(scene)
+        time = simulation.time - simulation.scenario.episode.period
+        self._looks.append((time, measurement, copy.deepcopy(scene.poses)))
+
+    def warm_up(self) -> None:
+        """One recording."""
+        for _ in self._looks:
+            self.step()
+
+    def step(self) -> int:
+        """A prediction and an update of every track."""
+        if self._next == len(self._looks):
+            for key, array in self._track.state_arrays().items():
+                array[...] = self._start[key]
+            self._next = 0
+        time, measurement, poses = self._looks[self._next]
+        self._next += 1
+        self._track.predict(time)
+        self._track.update(measurement, poses)
+        return self.environments
+
+
+class FilterCandidate:
+    """FilterPy's unscented filters side by side on the recorded measurements of one environment."""
+
+    environments = 1
+
+    def __init__(self, name: str, scenario: Scenario, motions: Sequence[tuple[Move | None, int]]) -> None:
+        self.name = name
+        self.note = "neither weighed nor mixed" if len(motions) > 1 else ""
+        self._prior = scenario.prior
+        self._filters = [build_filter(scenario, move, states) for move, states in motions]
+        self._looks = record(scenario, np.random.default_rng(0))
+        self._sigma = math.sqrt(self._filters[0].R[0, 0])
+        self._next = 0
+
+    def warm_up(self) -> None:
+        """One recording."""
+        for _ in self._looks:
+            self.step()
+
+    def step(self) -> int:
+        """A prediction and an update of every filter; the recording's first look only starts them."""
+        if self._next == 0:
+            self._begin()
+            self._next = 1
+        look = self._looks[self._next]
+        for kalman in self._filters:
+            kalman.predict()
+            reference = math.atan2(kalman.x[0] - look.own.east, kalman.x[1] - look.own.north)
+            measurement = np.array([wrap(look.bearing - reference), look.shift])
+            kalman.update(measurement, own=look.own, reference=reference)
+        self._next = (self._next + 1) % len(self._looks)
+        return 1
+
+    def _begin(self) -> None:
+        bearing, guess = self._looks[0].bearing, self._prior.range  # type: ignore[attr-defined]
+        for kalman in self._filters:
+            kalman.x = np.zeros(kalman._dim_x)
+            kalman.x[:2] = guess * math.sin(bearing), guess * math.cos(bearing)
+            kalman.P = 1e-4 * np.eye(kalman._dim_x)
+            kalman.P[:4, :4] = prior_covariance(self._prior, bearing, guess * self._sigma)  # type: ignore[arg-type]
+
+
+def measure_trackers(scenario: Scenario, environments: int, rounds: int, seconds: float) -> Stepping:
+    """Every tracker against the FilterPy filters that it is made of.
+
+    Args:
+        scenario: one that FilterPy's side can run, with bearing and Doppler.
+        environments: tracks in a batch.
+        rounds: how often each candidate has its turn.
+        seconds: wall time of each turn at least, s.
+    """
+    motion = scenario.tracker.motion
+    bank = RangeBank(motion=motion)
+    trackers: dict[str, tuple[Tracker, Sequence[tuple[Move | None, int]]]] = {
+        "unscented": (UnscentedKalman(motion=motion), [STRAIGHT]),
+        "square root": (SquareRootKalman(motion=motion), [STRAIGHT]),
+        f"bank of {bank.members}": (bank, [STRAIGHT] * bank.members),
+        f"{len(MOTIONS)} models": (InteractingModels(), MOTIONS),
+    }
+    peers = {
+        len(motions): FilterCandidate(f"FilterPy, {len(motions)} filter{'s' * (len(motions) > 1)}", scenario, motions)
+        for _, motions in trackers.values()
+    }
+    own = [
+        TrackerCandidate(name, scenario.replace(tracker=tracker), environments)
+        for name, (tracker, _) in trackers.items()
+    ]
+    matched = [peers[len(motions)] for _, motions in trackers.values()]
+    rows = compare([*peers.values(), *own], [*peers.values(), *matched], rounds, seconds)
+    notes = ["Each tracker against as many FilterPy filters as it has; no world, bound, reward or observation."]
+    return Stepping(f"{scenario.name}, trackers alone", rounds, seconds, rows, notes)
