@@ -13,6 +13,7 @@ pytest.importorskip("torch")
 from agents import AgentFile, LearnedPolicy, find_policy, shipped
 from passloc_env import SCENARIOS
 from passloc_env.errors import InputError
+from passloc_env.simulation import Simulation
 from passloc_env.spaces import observation_names
 from passloc_env.tracking import InteractingModels
 from training.commands import EVALUATION_SEED, Leaderboard
@@ -156,6 +157,26 @@ def test_variants_are_every_scenario_and_what_is_worth_changing():
         variants("CrosFix")
 
 
+def test_fixed_cases_come_with_a_family_around_them():
+    """A thousand draws reach from half to twice the range and speed, all around; the rest is that of the case."""
+    families = {v.name.removesuffix("-family"): v.scenario for v in variants() if v.name.endswith("-family")}
+    cases = [f"BearingDopplerCase{case}" for case in ("1a", "1b", "2a", "2b")]
+    assert sorted(families) == [*cases, "OwnShipModerate", "OwnShipSevere"]
+    for name, around in families.items():
+        case = SCENARIOS[name]
+        simulation = Simulation(around, 1000)
+        simulation.reset(np.arange(1000), [np.random.default_rng(index) for index in range(1000)])
+        away, speed = (np.hypot(*simulation.truth[rows]) for rows in (slice(0, 2), slice(2, 4)))
+        (x, y), (v_x, v_y) = case.target.start.position, case.target.start.velocity
+        for found, value in ((away, np.hypot(x, y)), (speed, np.hypot(v_x, v_y))):
+            assert 0.5 <= (found / value).min() < 0.52
+            assert 1.98 < (found / value).max() <= 2.0
+        assert np.unique(np.floor(np.arctan2(*simulation.truth[:2]) / (np.pi / 4))).size == 8
+        kept = {"target.start": case.target.start, "platforms.0.heading": case.platforms[0].heading}
+        kept |= {f"sensors.{index}.sigma": sensor.sigma for index, sensor in enumerate(case.sensors)}
+        assert around.override(kept) == case
+
+
 @pytest.mark.parametrize("variant", variants(), ids=lambda variant: variant.name)
 def test_everybody_finds_a_place(variant):
     """The reference leads, names are distinct, and whoever is told the truth says so."""
@@ -173,7 +194,7 @@ def test_everybody_finds_a_place(variant):
 
 
 def test_horizons_fit_the_pace():
-    (moderate,), (near, *_) = variants("OwnShipModerate"), variants("BearingsOnly")
+    (moderate, _), (near, *_) = variants("OwnShipModerate"), variants("BearingsOnly")
     assert {"horizon:seconds=480", "horizon:seconds=960", "shrinking", "greedy-truth"} <= set(planners(moderate))
     assert {"horizon:seconds=24", "horizon:seconds=48", "horizon:seconds=96", "shrinking"} <= set(planners(near))
     (satellites,) = variants("DualSatellite")
@@ -351,11 +372,11 @@ def test_command(passloc):
     words = ("--scenarios", "OwnShipModerate", "--policies", "circle,legs", "--episodes", "2", "--out", "page")
     status, out, err = passloc("leaderboard", *words)
     assert (status, err) == (0, "")
-    assert "2 results, 0 of them kept from before" in out
+    assert "4 results, 0 of them kept from before" in out
     assert "page/index.md" in out
     status, out, _ = passloc("leaderboard", *words)
     assert status == 0
-    assert "2 results, 2 of them kept from before" in out
+    assert "4 results, 4 of them kept from before" in out
 
 
 @pytest.mark.parametrize("name", ["leaderboard", "card", "tune", "ablate", "seeds"])

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from passloc_env.distributions import Uniform
+from passloc_env.platforms import TurnLimitedPlatform
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS, find
+from passloc_env.target import CartesianStart, PolarStart
 from passloc_env.tracking import InteractingModels
 
 
@@ -51,8 +55,37 @@ def variants(names: str = "") -> tuple[Variant, ...]:
 
 
 def _of(scenario: Scenario) -> Sequence[Variant]:
+    changes = list(_CHANGES.get(scenario.name, ()))
+    around = family(scenario)
+    if around:
+        changes.append(("family", "a family around it", around))
     changed = [
         Variant(f"{scenario.name}-{suffix}", f"{scenario.name}, {words}", scenario.override(changes))
-        for suffix, words, changes in _CHANGES.get(scenario.name, ())
+        for suffix, words, changes in changes
     ]
     return [Variant(scenario.name, scenario.name, scenario), *changed]
+
+
+def family(scenario: Scenario) -> dict[str, Any]:
+    """What changes from a single fixed geometry to a family around it; nothing where there is none.
+
+    Half to twice the range and the speed, any bearing and course, any own heading, 0.7 to 1.5 times the noise.
+    """
+    start, own = scenario.target.start, scenario.platforms[scenario.own_ship]
+    if not isinstance(start, CartesianStart) or not isinstance(own, TurnLimitedPlatform):
+        return {}
+    numbers = (*start.position, *start.velocity, own.heading)
+    if start.dimension != 2 or not all(isinstance(number, float) for number in numbers):
+        return {}
+    anywhere = Uniform(low=-math.pi, high=math.pi)
+    away, speed = math.hypot(*start.position), math.hypot(*start.velocity)
+    around = PolarStart(
+        range=_around(away, 0.5, 2.0), bearing=anywhere, speed=_around(speed, 0.5, 2.0), course=anywhere
+    )
+    sigmas = {f"sensors.{index}.sigma": getattr(sensor, "sigma", None) for index, sensor in enumerate(scenario.sensors)}
+    noise = {name: _around(sigma, 0.7, 1.5) for name, sigma in sigmas.items() if isinstance(sigma, float)}
+    return {"target.start": around, f"platforms.{scenario.own_ship}.heading": anywhere, **noise}
+
+
+def _around(value: float, low: float, high: float) -> Uniform:
+    return Uniform(low=low * value, high=high * value)
