@@ -22,6 +22,9 @@ from training.progress import console
 REFERENCE = "circle"
 """Who flies the same seeds for comparison; where nothing can circle, the first rule of the scenario."""
 
+_WRITTEN = ("log_range_bound", "violations", "end_error", "end_rms")
+"""What a card says of a policy, as :class:`Verdict` calls it."""
+
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
@@ -67,7 +70,8 @@ def scores(policy: LearnedPolicy, scenario: Scenario, episodes: int, seed: int) 
     """What an agent came to on ``episodes`` unseen episodes from ``seed`` on, and the reference beside it.
 
     Estimates are a value with the ends of its 95 % interval; ``end_error`` is the median relative range error at the
-    end, ``violations`` the share of episodes that entered the keep-out range at any time.
+    end, ``end_rms`` the RMS position error then, m, ``violations`` the share of episodes that entered the keep-out
+    range at any time.
     """
     reference = reference_of(scenario)
     evaluation = judge(scenario, [find_policy(reference, scenario), policy], episodes, seed)
@@ -77,8 +81,8 @@ def scores(policy: LearnedPolicy, scenario: Scenario, episodes: int, seed: int) 
         "seed": seed,
         "episodes": episodes,
         "tracker": type(scenario.tracker).__name__,
-        **_estimates(own, "log_range_bound", "violations", "end_error", "advantage"),
-        "reference": {"policy": reference, **_estimates(other, "log_range_bound", "violations", "end_error")},
+        **_estimates(own, *_WRITTEN, "advantage"),
+        "reference": {"policy": reference, **_estimates(other, *_WRITTEN)},
     }
 
 
@@ -92,5 +96,5 @@ def _line(entry: dict[str, Any]) -> str:
         f"{entry['scenario']}: log range bound {own['value']:.3f} [{own['low']:.3f}, {own['high']:.3f}], "
         f"{reference['policy']} {reference['log_range_bound']['value']:.3f}; "
         f"violations {100.0 * entry['violations']['value']:.1f} %, "
-        f"end error {100.0 * entry['end_error']['value']:.2f} %"
+        f"end error {100.0 * entry['end_error']['value']:.2f} %, RMS {entry['end_rms']['value']:.0f} m"
     )

@@ -41,8 +41,9 @@ def fault(entry, policy):
     reference = find_policy(entry["reference"]["policy"], scenario)
     evaluation = evaluate(scenario, [reference, policy], again, entry["seed"])
     for verdict, written in zip(evaluation.verdicts, (entry["reference"], entry), strict=True):
-        if not mean_agrees(verdict.log_range_bound.value, written["log_range_bound"], again, entry["episodes"]):
-            return f"log range bound of {verdict.policy}"
+        for name in ("log_range_bound", "end_rms"):
+            if not mean_agrees(getattr(verdict, name).value, written[name], again, entry["episodes"]):
+                return f"{name} of {verdict.policy}"
         if not rate_agrees(round(verdict.violations.value * again), written["violations"], again):
             return f"violations of {verdict.policy}"
     return ""
@@ -52,7 +53,8 @@ def mean_agrees(value, written, again, episodes):
     """Whether the mean of the first episodes fits that of all.
 
     The half-width of the 95 % interval gives the spread of one episode, ``σ = half √N / 1.96``; the mean of n episodes
-    out of these N differs from that of all by ``σ √(1/n − 1/N)``. 1e-6: rounding, where nothing else differs.
+    out of these N differs from that of all by ``σ √(1/n − 1/N)``; an RMS, which is nearly linear in the mean square,
+    by about as much. 1e-6: rounding, where nothing else differs.
     """
     spread = (written["high"] - written["low"]) / 2.0 / 1.96 * math.sqrt(episodes)
     return abs(value - written["value"]) <= 1e-6 + DEVIATIONS * spread * math.sqrt(1.0 / again - 1.0 / episodes)
@@ -204,9 +206,9 @@ def test_an_untrue_card_is_caught(judged):
     policy, entry = judged
     reference = entry["reference"]
     better = entry | {"log_range_bound": shifted(entry["log_range_bound"], -0.25)}
-    assert fault(better, policy) == f"log range bound of {policy.name}"
+    assert fault(better, policy) == f"log_range_bound of {policy.name}"
     worse = entry | {"reference": reference | {"log_range_bound": shifted(reference["log_range_bound"], 0.25)}}
-    assert fault(worse, policy) == "log range bound of circle"
+    assert fault(worse, policy) == "log_range_bound of circle"
     always = {"value": 1.0, "low": 0.98, "high": 1.0}
     never = {"value": 0.0, "low": 0.0, "high": 0.01}
     wrong = never if entry["violations"]["value"] > 0.5 else always

@@ -47,7 +47,7 @@ def test_scores_are_those_of_an_evaluation(run, passloc):
     (entry,) = agent.card["scores"]
     policies = [find_policy("circle", SCENARIO), LearnedPolicy.load(run)]
     circle, own = evaluate(SCENARIO, policies, EPISODES, 900).verdicts
-    for name in ("log_range_bound", "violations", "end_error", "advantage"):
+    for name in ("log_range_bound", "violations", "end_error", "end_rms", "advantage"):
         assert entry[name] == vars(getattr(own, name))
     assert entry["reference"]["log_range_bound"] == vars(circle.log_range_bound)
     assert (entry["seed"], entry["episodes"], entry["tracker"]) == (900, EPISODES, "RangeBank")
