@@ -215,7 +215,10 @@ class KeepOut(RewardTerm):
 
 @dataclass(frozen=True, kw_only=True)
 class Violation(RewardTerm):
-    """−1 inside ``min_range``: where entering it ends the episode, the price of ending it so."""
+    """−1 inside ``min_range``: where entering it ends the episode, a price of ending it so.
+
+    Like every term it is averaged over a decision: entering late in one costs a part of the weight.
+    """
 
     name = "violation"
     weight: float = quantity("weight", 100.0)

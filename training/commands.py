@@ -43,7 +43,7 @@ class Train:
     decisions: int | None = None
     """Decisions to train for; by default as the hyperparameters say."""
     hyperparameters: Path | None = None
-    """YAML file of hyperparameters; by default the one shipped for the scenario."""
+    """YAML file of hyperparameters; by default the one shipped for the scenario or for its kind."""
     override: tuple[str, ...] = ()
     """Scenario fields to change, as dotted.name=value."""
     quiet: bool = False

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
-from passloc_env.errors import InputError
+from passloc_env.errors import InputError, ScenarioError
 from passloc_env.scenario import Scenario
 from passloc_env.spaces import observation_names
 from training.hyperparameters import Hyperparameters
+from training.privileged import truth_names
 from training.wrappers import Stepped
 
 
@@ -24,16 +24,30 @@ def families_of(scenario: Scenario, parameters: Hyperparameters) -> tuple[Scenar
         InputError: families that one agent cannot fly, or more of them than environments.
     """
     trained = scenario.override(parameters.overrides)
-    families = tuple(trained.override(changes) for changes in parameters.families) or (trained,)
+    families = tuple(_changed(trained, index, changes) for index, changes in enumerate(parameters.families)) or (
+        trained,
+    )
     if len(families) > parameters.environments:
         raise InputError(
             f"environments = {parameters.environments} is not possible: {len(families)} families need one each at least"
         )
-    sight = observation_names(trained)
     for index, family in enumerate(families):
-        if observation_names(family) != sight or family.action_size != trained.action_size:
+        if _trade(family) != _trade(trained):
             raise InputError(f"families.{index} is not possible: it shows or asks something else than {trained.name}")
     return families
+
+
+def _changed(trained: Scenario, index: int, changes: dict[str, Any]) -> Scenario:
+    try:
+        return trained.override(changes)
+    except ScenarioError as error:
+        raise error.inside(f"families.{index}") from None
+
+
+def _trade(scenario: Scenario) -> tuple[tuple[str, ...], ...]:
+    """What an agent sees, what its critic may be told, and what its actions mean."""
+    controls = tuple(f"{type(platform).__name__} {getattr(platform, 'control', '')}" for platform in scenario.platforms)
+    return observation_names(scenario), truth_names(scenario), controls
 
 
 def shares(environments: int, families: int) -> list[int]:
@@ -53,10 +67,10 @@ class Together(VecEnv):
         self.worlds = tuple(worlds)
         ends = np.cumsum([world.num_envs for world in worlds])
         self._parts = [slice(end - world.num_envs, end) for world, end in zip(worlds, ends, strict=True)]
-        first = worlds[0]
-        assert isinstance(first.observation_space, spaces.Box)
-        assert all(world.observation_space.shape == first.observation_space.shape for world in worlds)
-        super().__init__(int(ends[-1]), first.observation_space, first.action_space)
+        seen, acting = worlds[0].observation_space, worlds[0].action_space
+        if any((world.observation_space, world.action_space) != (seen, acting) for world in worlds):
+            raise ValueError("worlds side by side must have the same spaces")
+        super().__init__(int(ends[-1]), seen, acting)
 
     @property
     def seen(self) -> int:

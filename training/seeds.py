@@ -23,6 +23,7 @@ from training.files import write_whole
 from training.hyperparameters import Hyperparameters
 from training.judging import judge
 from training.progress import console
+from training.score import score_of
 from training.seed_pictures import draw_curves
 from training.table import markdown_table, notes, title
 from training.train import check_training
@@ -72,8 +73,9 @@ def _candidates(scenario: Scenario, arguments: Seeds) -> list[Candidate]:
 
 def _page(evaluation: Evaluation, candidates: Sequence[Candidate], arguments: Seeds) -> str:
     rule, *agents = evaluation.verdicts
-    scores = np.array([agent.log_range_bound.value for agent in agents])
-    gain = rule.log_range_bound.value - scores.mean()
+    score = score_of(evaluation.scenario)
+    values = np.array([score.cell(agent).value for agent in agents])
+    gain = score.cell(rule).value - values.mean()
     cards = [AgentFile.load(candidate.folder).card["training"] for candidate in candidates]
     minutes = ", ".join(f"{card['seconds'] / 60:.1f}" for card in cards)
     machine = cards[0]["machine"]
@@ -82,7 +84,7 @@ def _page(evaluation: Evaluation, candidates: Sequence[Candidate], arguments: Se
             f"# {evaluation.scenario.name}: {len(agents)} training seeds\n",
             f"The same agent, PPO for {candidates[0].parameters.decisions:,} decisions, from seeds that differ; "
             f"trained in {minutes} minutes on one core ({machine['processor']}). From the best seed to the worst the "
-            f"log range bound differs by {np.ptp(scores):.3f}: {100 * np.ptp(scores) / gain:.0f} % of what the agents "
+            f"{score.column} differs by {np.ptp(values):.3f}: {100 * np.ptp(values) / gain:.0f} % of what the agents "
             f"gain on *{rule.policy}* on average. Written by",
             f"\n```sh\n{_command(arguments)}\n```\n",
             f"![Return and violations in training, against decisions and wall time]({evaluation.scenario.name}.png)\n",

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from rich.box import SIMPLE
 from rich.table import Table
 
+from passloc_env.scenario import Scenario
 from training.evaluate import Evaluation, Verdict
 from training.score import score_of
 from training.statistics import Estimate
@@ -38,7 +39,16 @@ COLUMNS: dict[str, Callable[[Verdict], str]] = {
     _CONSISTENCY: lambda v: f"{v.anees:.2f}" if v.anees < 100.0 else f"{v.anees:.0e}",
     "ms/decision": lambda v: f"{v.milliseconds_per_decision:.4f}",
 }
-"""Columns of every table, in order."""
+"""Columns of every table, in order; :func:`columns_of` adds the score of a scenario where that is none of them."""
+
+
+def columns_of(scenario: Scenario) -> dict[str, Callable[[Verdict], str]]:
+    """The columns of a scenario's tables, in order: what sorts them comes right after the headline."""
+    score = score_of(scenario)
+    if score.column in COLUMNS:
+        return COLUMNS
+    first = dict(list(COLUMNS.items())[:2])
+    return first | {score.column: lambda verdict: with_interval(score.cell(verdict), score.digits)} | COLUMNS
 
 
 def title(evaluation: Evaluation) -> str:
@@ -48,8 +58,10 @@ def title(evaluation: Evaluation) -> str:
     return f"{evaluation.scenario.name}: {evaluation.episodes} episodes, seeds {first}–{last}, tracker {tracker}"
 
 
-def notes(evaluation: Evaluation, columns: Sequence[str] = tuple(COLUMNS)) -> str:
-    """How to read the columns, and which are missing."""
+def notes(evaluation: Evaluation, columns: Sequence[str] | None = None) -> str:
+    """How to read the columns, all by default, and which are missing."""
+    every = columns_of(evaluation.scenario)
+    columns = tuple(every) if columns is None else columns
     scenario, (low, high) = evaluation.scenario, evaluation.anees_band
     away = "range" if len(scenario.platforms) == 1 else f"the range of platform {scenario.own_ship}"
     sentences = [
@@ -63,7 +75,7 @@ def notes(evaluation: Evaluation, columns: Sequence[str] = tuple(COLUMNS)) -> st
     sentences.append("Brackets: 95 % intervals (paired bootstrap; Wilson for rates).")
     if _CONSISTENCY in columns:
         sentences.append(f"ANEES per state of a consistent tracker: {low:.2f}–{high:.2f}.")
-    hidden = [name.split(",")[0] for name in COLUMNS if name not in columns]
+    hidden = [name.split(",")[0] for name in every if name not in columns]
     if hidden:
         sentences.append(f"No room for {', '.join(hidden)}: widen the terminal or use --json.")
     return " ".join(sentences)
@@ -75,7 +87,7 @@ def _violations(min_range: float) -> str:
 
 def rich_table(evaluation: Evaluation, width: int) -> Table:
     """The evaluation for a terminal of a given width, best policy first; narrow ones get the leading columns."""
-    columns = {name: _column(name, evaluation) for name in COLUMNS}
+    columns = {name: _column(name, write, evaluation) for name, write in columns_of(evaluation.scenario).items()}
     while len(columns) > 1 and sum(_width(name, cells) + 1 for name, cells in columns.items()) > width + 1:
         columns.popitem()
     table = Table(
@@ -95,10 +107,10 @@ def rich_table(evaluation: Evaluation, width: int) -> Table:
     return table
 
 
-def _column(name: str, evaluation: Evaluation) -> list[str]:
+def _column(name: str, write: Callable[[Verdict], str], evaluation: Evaluation) -> list[str]:
     """Heading and cells, intervals on a line of their own."""
     heading = name.replace(", ", ",\n").replace("time to ", "time to\n")
-    cells = [COLUMNS[name](verdict) for verdict in ranked(evaluation)]
+    cells = [write(verdict) for verdict in ranked(evaluation)]
     return [heading, *(cell.replace(" [", "\n[").replace(", ", ",") for cell in cells)]
 
 
@@ -109,9 +121,10 @@ def _width(name: str, cells: list[str]) -> int:
 
 def markdown_table(evaluation: Evaluation) -> str:
     """The evaluation as a Markdown table, best policy first."""
-    lines = ["| " + " | ".join(COLUMNS) + " |", "|" + "|".join([":--"] + ["--:"] * (len(COLUMNS) - 1)) + "|"]
+    columns = columns_of(evaluation.scenario)
+    lines = ["| " + " | ".join(columns) + " |", "|" + "|".join([":--"] + ["--:"] * (len(columns) - 1)) + "|"]
     for verdict in ranked(evaluation):
-        lines.append("| " + " | ".join(write(verdict) for write in COLUMNS.values()) + " |")
+        lines.append("| " + " | ".join(write(verdict) for write in columns.values()) + " |")
     return "\n".join(lines) + "\n"
 
 

@@ -21,6 +21,7 @@ from training.episodes import fly
 from training.files import write_whole
 from training.hyperparameters import Hyperparameters
 from training.progress import console, progress_bar
+from training.score import score_of
 from training.search_space import suggest, unchanged
 from training.study import ask, best_trial, opened_study
 from training.train import check_training, run
@@ -29,7 +30,7 @@ TUNING_SEED = 3_000_000
 """First seed of the episodes that trials are judged by: neither training seeds nor those of evaluations."""
 
 _VIOLATION_COST = 5.0
-"""What one violation per episode would cost in log range bound: one in a hundred counts .05."""
+"""What one violation per episode would cost, as a logarithm of the score: one in a hundred counts .05, or 5 %."""
 
 
 def tune(arguments: Tune) -> Path:
@@ -105,11 +106,11 @@ def _try(study: optuna.Study, trial: optuna.Trial, scenario: Scenario, base: Hyp
 def _cost(
     scenario: Scenario, parameters: Hyperparameters, arguments: Tune, watch: Callable[[dict[str, float]], None]
 ) -> float:
-    """Log range bound of an agent trained so, with what its violations cost; lower is better."""
+    """What the scenario's score says of an agent trained so, and what its violations cost; lower is better."""
     with tempfile.TemporaryDirectory() as folder:
         finished = run(scenario, parameters, Path(folder), arguments.seed, quiet=True, watch=watch)
     scores, _ = fly(scenario, LearnedPolicy(finished.agent), arguments.episodes, TUNING_SEED)
-    return float(scores.log_range_bound.mean() + _VIOLATION_COST * scores.violated.mean())
+    return score_of(scenario).cost(scores) + float(_VIOLATION_COST * scores.violated.mean())
 
 
 def _write_best(study: optuna.Study, base: Hyperparameters, scenario: Scenario, path: Path) -> None:

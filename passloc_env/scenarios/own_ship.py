@@ -4,8 +4,8 @@
 nonlinear. *Severe* is that of Leong, Arulampalam et al., IEEE Signal Processing Letters 21(5), 2014: a fast inbound
 target at three times the own speed, a poor prior, few and coarse bearings. Both are single fixed cases, meant for
 judging; the heading is free at each minute, and what is rewarded is what the literature scores: how well the emitter
-could be known at the end. Their features are in units of the range to be kept: to an agent the cases are one problem on
-two scales.
+could be known at the end. Their features are in units of the range to be kept, so that keeping it looks the same in
+both.
 """
 
 from __future__ import annotations
@@ -24,6 +24,10 @@ from passloc_env.units import DEGREE, KILOMETRE, KNOT, MINUTE
 
 _NEARLY_STRAIGHT = ConstantVelocity(acceleration_density=9e-12 * KILOMETRE**2)
 """q = 9e-12 km²/s³."""
+
+_NEAR, _CROSSING = 0.3, 13 * MINUTE
+"""Features: the range to be kept is 0.3 of what counts as one, and one unit of speed crosses it in 13 minutes, so that
+ranges and speeds of both cases are of the order of one."""
 
 
 def _own_ship(
@@ -53,7 +57,7 @@ def _own_ship(
         tracker=RangeBank(motion=_NEARLY_STRAIGHT),
         bound=Bound(motion=_NEARLY_STRAIGHT),
         reward=(FinalBound(weight=30.0, scale=10 * KILOMETRE), KeepOut()),
-        observation=BeliefFeatures(range_scale=min_range / 0.3, speed_scale=min_range / (13 * MINUTE)),
+        observation=BeliefFeatures(range_scale=min_range / _NEAR, speed_scale=min_range / _CROSSING),
         episode=Episode(steps=steps, period=MINUTE, decision_every=1, min_range=min_range),
     )
 

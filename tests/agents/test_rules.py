@@ -143,7 +143,14 @@ def test_a_zigzag_opens_the_range_where_it_is_believed_too_small():
     """The same legs on the same sides, 120° from the line of sight instead of 70°; 130° is wide enough already."""
     offsets = believe(headings=np.zeros(2), bearings=np.zeros(2), times=np.array([0.0, 480.0]))
     away = np.linalg.norm(offsets.mean[:2] - offsets.poses[0].position, axis=0)
-    for angle, keep, expected in ((70.0, 1.01, 120.0), (70.0, 0.99, 70.0), (130.0, 1.01, 130.0)):
+    cases = [
+        (70.0, 1.01, 120.0),
+        (70.0, 0.99, 70.0),
+        (130.0, 1.01, 130.0),
+        (-60.0, 1.01, -120.0),
+        (-130.0, 1.01, -130.0),
+    ]
+    for angle, keep, expected in cases:
         policy = find_policy(f"zigzag:angle={angle}:leg=480:keep={keep * away[0]}", SCENARIOS["OwnShipModerate"])
         np.testing.assert_allclose(np.degrees(flown(policy, offsets)), [expected, -expected], rtol=1e-9)
 

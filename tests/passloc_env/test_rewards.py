@@ -214,6 +214,19 @@ def test_a_violation_counts_the_same_however_deep(distance: float, expected: flo
     np.testing.assert_array_equal(Violation().score(outcome(distance)), [expected])
 
 
+def test_entering_late_in_a_decision_costs_a_part(begin: Callable[..., Simulation]) -> None:
+    """Flown at from 11 km with 10 km to be kept: inside after the third of four seconds, at 400 m/s."""
+    changes: dict[str, Any] = {
+        "target.start": CartesianStart(position=(0.0, 0.0), velocity=(0.0, 0.0)),
+        "platforms": (TurnLimitedPlatform(position=(0.0, 11e3), heading=math.pi, speed=400.0, max_turn_rate=1e-9),),
+        "reward": (Violation(weight=80.0),),
+    }
+    simulation = begin(Scenario().override(changes))
+    simulation.step(np.zeros((1, 1)))
+    assert simulation.outcome.closest[0] == pytest.approx(11e3 - 4 * 400.0)
+    assert simulation.reward[0] == pytest.approx(-80.0 * 2 / 4)
+
+
 def test_certainty_is_the_beliefs_own() -> None:
     """Deviations of 100 m and 200 m, whatever the truth: their geometric mean over the believed range."""
     seen = outcome()

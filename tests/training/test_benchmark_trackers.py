@@ -11,6 +11,7 @@ from passloc_env import SCENARIOS
 from passloc_env.dynamics import Dynamics
 from passloc_env.layout import StateLayout
 from passloc_env.motion import ConstantAcceleration, UnknownTurn
+from passloc_env.simulation import Simulation
 from passloc_env.tracking import InteractingModels, RangeBank
 from training.benchmark.trackers import (
     MOTIONS,
@@ -46,23 +47,31 @@ def test_a_batch_tracks_what_was_recorded_again_and_again(tracker):
     candidate = TrackerCandidate("ours", SCENARIO.replace(tracker=tracker), 5)
     live = candidate._track.mean.copy()
     for _ in range(2):
-        steps = [candidate.step() for _ in range(60)]
-        assert steps == [5] * 60
+        steps = [candidate.step() for _ in range(SCENARIO.episode.steps)]
+        assert steps == [5] * SCENARIO.episode.steps
         np.testing.assert_array_equal(candidate._track.mean, live)
 
 
 @pytest.mark.parametrize("motions", [[STRAIGHT], MOTIONS], ids=["one", "three"])
 def test_filterpys_side_tracks(motions):
-    """After a recorded episode every filter is within 5 km of the emitter, which was up to 60 km away; it starts anew
-    behind the end."""
+    """After a recorded episode every filter knows the emitter to a tenth of its range, and starts anew.
+
+    The prior is wrong by 15 of 40 km. The seed is fixed; the errors are 3 %, 5 % and 6 %.
+    """
     candidate = FilterCandidate("theirs", SCENARIO, motions)
     last = candidate._looks[-1]
     assert [candidate.step() for _ in candidate._looks[1:]] == [1] * (len(candidate._looks) - 1)
+    away = math.hypot(last.emitter[0] - last.own.east, last.emitter[1] - last.own.north)
     for kalman in candidate._filters:
-        offset = kalman.x[:2] - [last.own.east, last.own.north]
-        assert abs(math.remainder(math.atan2(*offset) - last.bearing, math.tau)) < 0.02
+        assert math.dist(kalman.x[:2], last.emitter) < 0.1 * away
         assert np.isfinite(kalman.P).all()
     assert candidate._next == 0
+
+
+def test_the_models_on_both_sides_are_the_same():
+    """As many, with as many states, in the same order."""
+    models = Simulation(SCENARIO.replace(tracker=InteractingModels()), 1).models.tracker.members
+    assert [states for _, states in MOTIONS] == [model.layout.size for model in models]
 
 
 def test_every_tracker_has_its_row_and_its_peer():
@@ -71,7 +80,7 @@ def test_every_tracker_has_its_row_and_its_peer():
     assert names == [
         "FilterPy, 1 filter",
         "FilterPy, 5 filters",
-        "FilterPy, 3 filters",
+        "FilterPy, 3 motions",
         "unscented",
         "square root",
         "bank of 5",

@@ -80,6 +80,11 @@ def test_worlds_side_by_side_are_what_they_are_alone():
     assert ended.tolist() == [1, 1, 1, 1, 2, 2, 2]
 
 
+def test_worlds_must_fit_each_other():
+    with pytest.raises(ValueError, match="same spaces"):
+        Together([make_vec_env(SCENARIO, 2), make_vec_env("CrossFix", 2)])
+
+
 def test_what_belongs_to_a_world_is_asked_of_it():
     together = Together(worlds())
     steps = [scenario.episode.steps for scenario in together.get_attr("scenario")]
@@ -101,6 +106,14 @@ def test_what_belongs_to_a_world_is_asked_of_it():
             ({"episode.steps": 20}, {"tracker": {"type": "InteractingModels"}}),
             "families.1 is not possible: it shows or asks something else than BearingsOnly",
         ),
+        (
+            ({}, {"bound.motion": {"type": "ConstantAcceleration"}}),
+            "families.1 is not possible: it shows or asks something else than BearingsOnly",
+        ),
+        (
+            ({"platforms.0.control": "turn_rate"}, {}),
+            "families.0 is not possible: it shows or asks something else than BearingsOnly",
+        ),
         (({},) * 8, "environments = 7 is not possible: 8 families need one each at least"),
     ],
 )
@@ -112,7 +125,7 @@ def test_what_one_agent_cannot_fly_is_refused(families, message):
 
 
 def test_a_field_that_does_not_exist_is_refused_before_training():
-    with pytest.raises(ScenarioError, match=r"episode\.stepps"):
+    with pytest.raises(ScenarioError, match=r"families\.0\.episode\.stepps"):
         check_training(SCENARIO, dataclasses.replace(TINY, families=({"episode.stepps": 3},)))
 
 

@@ -51,12 +51,16 @@ def test_a_scenario_without_a_file_gets_the_defaults():
 
 
 def test_a_family_of_scenarios_shares_a_file(monkeypatch, tmp_path):
-    """The longest name that a scenario's begins with; none is the beginning of nothing."""
+    """The longest name that a scenario's begins with; none is the beginning of nothing, and a stranger shares none."""
     monkeypatch.setattr(hyperparameters, "_FOLDER", tmp_path)
     for name, decisions in (("Own", 1), ("OwnShip", 2), ("OwnShipSevere", 3), ("Ship", 4)):
         (tmp_path / f"{name}.yaml").write_text(f"decisions: {decisions}\n")
-    found = {name: Hyperparameters.for_scenario(name).decisions for name in ("OwnShipModerate", "OwnShipSevere", "Owl")}
-    assert found == {"OwnShipModerate": 2, "OwnShipSevere": 3, "Owl": Hyperparameters().decisions}
+    found = {
+        name: Hyperparameters.for_scenario(name).decisions
+        for name in ("OwnShipModerate", "OwnShipSevere", "OwnShipMine", "Owl")
+    }
+    default = Hyperparameters().decisions
+    assert found == {"OwnShipModerate": 2, "OwnShipSevere": 3, "OwnShipMine": default, "Owl": default}
 
 
 def test_what_a_file_leaves_out_keeps_its_default(tmp_path):

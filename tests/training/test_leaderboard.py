@@ -12,6 +12,7 @@ pytest.importorskip("torch")
 
 from agents import AgentFile, LearnedPolicy, find_policy, shipped
 from passloc_env import SCENARIOS
+from passloc_env.distributions import Uniform
 from passloc_env.errors import InputError
 from passloc_env.simulation import Simulation
 from passloc_env.spaces import observation_names
@@ -172,6 +173,9 @@ def test_fixed_cases_come_with_a_family_around_them():
             assert 0.5 <= (found / value).min() < 0.52
             assert 1.98 < (found / value).max() <= 2.0
         assert np.unique(np.floor(np.arctan2(*simulation.truth[:2]) / (np.pi / 4))).size == 8
+        assert around.platforms[0].heading == Uniform(low=-np.pi, high=np.pi)
+        for sensor, known in zip(around.sensors, case.sensors, strict=True):
+            assert sensor.sigma == Uniform(low=0.7 * known.sigma, high=1.5 * known.sigma)
         kept = {"target.start": case.target.start, "platforms.0.heading": case.platforms[0].heading}
         kept |= {f"sensors.{index}.sigma": sensor.sigma for index, sensor in enumerate(case.sensors)}
         assert around.override(kept) == case

@@ -57,7 +57,7 @@ class Candidate(Protocol):
 
     @property
     def note(self) -> str:
-        """What sets it apart from a full environment step; empty when nothing does."""
+        """What sets it apart from the others of its table; empty when nothing does."""
 
     def warm_up(self) -> None:
         """Whatever comes before measuring."""
@@ -75,7 +75,7 @@ class VectorCandidate:
         self.environments = environments
         self._env = LocalisationVectorEnv(environments, scenario, autoreset_mode=AutoresetMode.NEXT_STEP)
         self._actions = _draw_actions(random, environments)
-        self._decision_every, self._decisions = scenario.episode.decision_every, _decisions(scenario)
+        self._decision_every, self._decisions = scenario.episode.decision_every, decisions(scenario)
         self._call = 0
         self._ended = np.zeros(environments, bool)
 
@@ -114,7 +114,7 @@ class ScalarCandidate:
     ) -> None:
         self.name, self._env = name, env
         self._actions = _draw_actions(random, 1)[:, 0]
-        self._decision_every, self._decisions = scenario.episode.decision_every, _decisions(scenario)
+        self._decision_every, self._decisions = scenario.episode.decision_every, decisions(scenario)
         self._call = 0
 
     def warm_up(self) -> None:
@@ -235,5 +235,6 @@ def _draw_actions(random: np.random.Generator, environments: int) -> np.ndarray:
     return random.uniform(-1.0, 1.0, (_DRAWN_ACTIONS, environments, 1)).astype(np.float32)
 
 
-def _decisions(scenario: Scenario) -> int:
+def decisions(scenario: Scenario) -> int:
+    """Decisions of an episode."""
     return scenario.episode.steps // scenario.episode.decision_every

@@ -16,11 +16,12 @@ from training.benchmark.peer_world import Emitter, OwnShip, draw
 
 @dataclass(frozen=True)
 class Look:
-    """One measurement and whence it was made: absolute bearing (rad) and Doppler shift (Hz)."""
+    """One measurement, absolute bearing (rad) and Doppler shift (Hz), made by whom, and where the emitter was (m)."""
 
     own: OwnShip
     bearing: float
     shift: float
+    emitter: tuple[float, float]
 
 
 def record(scenario: Scenario, random: np.random.Generator) -> list[Look]:
@@ -38,7 +39,14 @@ def record(scenario: Scenario, random: np.random.Generator) -> list[Look]:
         x, y = emitter.east - own.east, emitter.north - own.north
         (v_east, v_north), (own_east, own_north) = emitter.velocity, own.velocity
         rate = (x * (v_east - own_east) + y * (v_north - own_north)) / math.hypot(x, y)
-        looks.append(Look(copy.copy(own), math.atan2(x, y) + noise[step, 0], scale * rate + noise[step, -1]))
+        looks.append(
+            Look(
+                copy.copy(own),
+                math.atan2(x, y) + noise[step, 0],
+                scale * rate + noise[step, -1],
+                (emitter.east, emitter.north),
+            )
+        )
         if step % episode.decision_every == 0:
             own.set_point = random.uniform(-math.pi, math.pi)
     return looks

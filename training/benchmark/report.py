@@ -48,7 +48,7 @@ class Row:
         per_wall_second: sensor steps per second on the clock.
         cpu_ratio: the former against FilterPy's side in the same round.
         wall_ratio: the latter against it.
-        note: what sets it apart from a full environment step; empty when nothing does.
+        note: what sets it apart from the others of its table; empty when nothing does.
     """
 
     name: str
@@ -62,13 +62,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Stepping:
-    """Sensor steps per second of the environments alone.
+    """Sensor steps per second, of the environments or of the trackers alone.
 
     Attributes:
         scenario: its name.
         rounds: turns of each candidate.
         seconds: wall time of each turn at least, s.
-        rows: the candidates, the FilterPy environment first.
+        rows: the candidates, FilterPy's side first.
         notes: how to read them.
     """
 

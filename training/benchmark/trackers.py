@@ -1,6 +1,7 @@
 """Trackers alone: a batch of passloc's beside FilterPy's filters, one environment at a time.
 
-FilterPy's side does less: it has the unscented filters that a tracker is made of, but neither weighs nor mixes them.
+FilterPy's side does less: it has the unscented filters that a tracker is made of, but neither weighs nor mixes them,
+and all filters of a bank start from the same prior.
 """
 
 from __future__ import annotations
@@ -22,14 +23,11 @@ from passloc_env.tracking import (
     Tracker,
     UnscentedKalman,
 )
-from training.benchmark.harness import compare
+from training.benchmark.harness import compare, decisions
 from training.benchmark.peer_tracking import Move, build_filter, prior_covariance
 from training.benchmark.peer_world import wrap
 from training.benchmark.recording import record
 from training.benchmark.report import Stepping
-
-_DECISIONS = 15
-"""Decisions of the recorded episodes, which are played again and again."""
 
 
 def accelerated(state: Array, period: float) -> Array:
@@ -78,7 +76,7 @@ class TrackerCandidate:
         self._looks: list[tuple[Array, Array, list[Pose]]] = []
         simulation.watchers.append(self._record)
         random = np.random.default_rng(0)
-        for _ in range(_DECISIONS):
+        for _ in range(decisions(scenario)):
             simulation.step(random.uniform(-1.0, 1.0, (1, environments)))
         self._next = len(self._looks)
 
@@ -159,21 +157,17 @@ def measure_trackers(scenario: Scenario, environments: int, rounds: int, seconds
     """
     motion = scenario.tracker.motion
     bank = RangeBank(motion=motion)
-    trackers: dict[str, tuple[Tracker, Sequence[tuple[Move | None, int]]]] = {
-        "unscented": (UnscentedKalman(motion=motion), [STRAIGHT]),
-        "square root": (SquareRootKalman(motion=motion), [STRAIGHT]),
-        f"bank of {bank.members}": (bank, [STRAIGHT] * bank.members),
-        f"{len(MOTIONS)} models": (InteractingModels(), MOTIONS),
-    }
-    peers = {
-        len(motions): FilterCandidate(f"FilterPy, {len(motions)} filter{'s' * (len(motions) > 1)}", scenario, motions)
-        for _, motions in trackers.values()
-    }
-    own = [
-        TrackerCandidate(name, scenario.replace(tracker=tracker), environments)
-        for name, (tracker, _) in trackers.items()
+    one = FilterCandidate("FilterPy, 1 filter", scenario, [STRAIGHT])
+    many = FilterCandidate(f"FilterPy, {bank.members} filters", scenario, [STRAIGHT] * bank.members)
+    mixed = FilterCandidate(f"FilterPy, {len(MOTIONS)} motions", scenario, MOTIONS)
+    matches: list[tuple[str, Tracker, FilterCandidate]] = [
+        ("unscented", UnscentedKalman(motion=motion), one),
+        ("square root", SquareRootKalman(motion=motion), one),
+        (f"bank of {bank.members}", bank, many),
+        (f"{len(MOTIONS)} models", InteractingModels(), mixed),
     ]
-    matched = [peers[len(motions)] for _, motions in trackers.values()]
-    rows = compare([*peers.values(), *own], [*peers.values(), *matched], rounds, seconds)
+    peers = [one, many, mixed]
+    own = [TrackerCandidate(name, scenario.replace(tracker=tracker), environments) for name, tracker, _ in matches]
+    rows = compare([*peers, *own], [*peers, *(peer for *_, peer in matches)], rounds, seconds)
     notes = ["Each tracker against as many FilterPy filters as it has; no world, bound, reward or observation."]
     return Stepping(f"{scenario.name}, trackers alone", rounds, seconds, rows, notes)

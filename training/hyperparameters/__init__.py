@@ -1,6 +1,7 @@
 """passloc training: how agents are trained, scenario by scenario, in YAML files beside this module.
 
-A file is for the scenario whose name it bears, and for those whose names begin so and have no file of their own.
+A file is for the scenario whose name it bears, and for those of the catalogue whose names begin so and that have no
+file of their own.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 import yaml
 
 from passloc_env.errors import InputError
+from passloc_env.scenarios import SCENARIOS
 
 _FOLDER = Path(__file__).parent
 
@@ -130,6 +132,13 @@ class Hyperparameters:
 
     @classmethod
     def for_scenario(cls, name: str) -> Hyperparameters:
-        """Those of a named scenario: of the file with the longest name that its name begins with, or the defaults."""
-        files = [path for path in _FOLDER.glob("*.yaml") if name.startswith(path.stem)]
+        """Those of a named scenario: of the file with the longest name that its name begins with, or the defaults.
+
+        A scenario that is not of the catalogue needs a file of just its name: it may be a stranger to its namesakes.
+        """
+        files = [
+            path
+            for path in _FOLDER.glob("*.yaml")
+            if path.stem == name or (name in SCENARIOS and name.startswith(path.stem))
+        ]
         return cls.load(max(files, key=lambda path: len(path.stem))) if files else cls()

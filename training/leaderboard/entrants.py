@@ -78,9 +78,7 @@ def entrants(variant: Variant, names: str = "") -> tuple[list[Entrant], list[str
 
 def settings(variant: Variant) -> Settings:
     """How the trajectory optimum of a variant is searched: for the bound that its score is about."""
-    if score_of(variant.scenario) is END_RMS:
-        return replace(SETTINGS, objective="end_position_bound")
-    return SETTINGS
+    return replace(SETTINGS, objective=score_of(variant.scenario).objective)
 
 
 def planners(variant: Variant) -> tuple[str, ...]:
@@ -94,14 +92,14 @@ def planners(variant: Variant) -> tuple[str, ...]:
     if interval <= _QUICK_DECISIONS:
         spans: tuple[str, ...] = ("horizon:seconds=24", "horizon:seconds=48", "horizon:seconds=96")
     elif interval == MINUTE:
-        spans = ("horizon:seconds=480", "horizon:seconds=960", "shrinking:objective=A:over=end")
+        spans = ("horizon:seconds=480", "horizon:seconds=960")
     else:
         spans = ("horizon",)
-    middle = len(spans) // 2
+    last = ("shrinking:objective=A:over=end",) if score_of(scenario) is END_RMS else ()
     if variant.name not in _THOROUGH:
-        return ("greedy", *spans, "shrinking")
-    twins = ("greedy-truth", spans[middle].replace("horizon", "horizon-truth"), "shrinking-truth")
-    return ("greedy", *spans, "shrinking", *twins)
+        return ("greedy", *spans, "shrinking", *last)
+    twins = ("greedy-truth", spans[len(spans) // 2].replace("horizon", "horizon-truth"), "shrinking-truth")
+    return ("greedy", *spans, "shrinking", *last, *twins)
 
 
 def _entrant(text: str, variant: Variant) -> Entrant:

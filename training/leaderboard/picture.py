@@ -69,7 +69,7 @@ def draw(title: str, evaluation: Evaluation, found: Sequence[Entrant], path: Pat
     figure, axes = plt.subplots(figsize=(8.6, 1.9 + 0.29 * len(verdicts)), layout="constrained")
     score = score_of(evaluation.scenario)
     for row, verdict in enumerate(verdicts):
-        estimate = score.of(verdict).scaled(score.scale)
+        estimate = score.cell(verdict)
         _draw_row(axes, row, estimate, kinds[verdict.policy], _hollow(verdict))
         if verdict.policy == evaluation.reference or kinds[verdict.policy] == "optimum":
             style = ":" if verdict.policy == evaluation.reference else "--"
@@ -84,8 +84,7 @@ def draw(title: str, evaluation: Evaluation, found: Sequence[Entrant], path: Pat
     if score is LOG_RANGE_BOUND:
         _percent_axis(axes)
     else:
-        axes.set_xscale("log")
-        axes.xaxis.set_major_formatter("{x:g}")
+        _plain_logarithmic_axis(axes)
     hollow = any(_hollow(verdict) for verdict in verdicts)
     shown = [kind for kind in COLOURS if kind in kinds.values()]
     handles = _legend(shown, hollow)
@@ -107,10 +106,20 @@ def _hollow(verdict: Verdict) -> bool:
     return verdict.violations.value > MANY_VIOLATIONS
 
 
+def _plain_logarithmic_axis(axes: Axes) -> None:
+    """A logarithmic axis with round numbers, few enough to be read."""
+    axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    shown = next(ticks for ticks in _round(low, high) if len(ticks) <= _TICKS)
+    axes.xaxis.set_major_locator(FixedLocator(shown))
+    axes.xaxis.set_major_formatter(FixedFormatter([f"{tick:g}" for tick in shown]))
+    axes.xaxis.set_minor_locator(NullLocator())
+
+
 def _percent_axis(axes: Axes) -> None:
     """The same on top as a share of the range: the geometric mean over time of ``σ_r / r``."""
     low, high = axes.get_xlim()
-    inside = next((ticks for ticks in _ticks(low, high) if len(ticks) <= _TICKS), [])
+    inside = next(ticks for ticks in _round(100.0 * np.exp(low), 100.0 * np.exp(high)) if len(ticks) <= _TICKS)
     top = axes.twiny()
     top.set_xlim(low, high)
     top.xaxis.set_major_locator(FixedLocator([float(np.log(value / 100.0)) for value in inside]))
@@ -120,12 +129,12 @@ def _percent_axis(axes: Axes) -> None:
     top.spines[["left", "right"]].set_visible(False)
 
 
-def _ticks(low: float, high: float) -> Iterator[list[float]]:
-    """Round percentages whose logarithms as shares lie within limits, from many to few."""
+def _round(low: float, high: float) -> Iterator[list[float]]:
+    """Round numbers between two positive limits, from many to few; none at last."""
     for series in _SERIES:
-        percent = np.outer(10.0 ** np.arange(-4, 5), series).ravel()
-        inside = (np.log(percent / 100.0) >= low) & (np.log(percent / 100.0) <= high)
-        yield [float(value) for value in percent[inside]]
+        ticks = np.outer(10.0 ** np.arange(-4, 7), series).ravel()
+        yield [float(tick) for tick in ticks if low <= tick <= high]
+    yield []
 
 
 def _legend(shown: Sequence[Kind], hollow: bool) -> list[Line2D]:

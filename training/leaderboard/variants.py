@@ -55,13 +55,13 @@ def variants(names: str = "") -> tuple[Variant, ...]:
 
 
 def _of(scenario: Scenario) -> Sequence[Variant]:
-    changes = list(_CHANGES.get(scenario.name, ()))
+    wanted = list(_CHANGES.get(scenario.name, ()))
     around = family(scenario)
     if around:
-        changes.append(("family", "a family around it", around))
+        wanted.append(("family", "a family around it", around))
     changed = [
         Variant(f"{scenario.name}-{suffix}", f"{scenario.name}, {words}", scenario.override(changes))
-        for suffix, words, changes in changes
+        for suffix, words, changes in wanted
     ]
     return [Variant(scenario.name, scenario.name, scenario), *changed]
 
