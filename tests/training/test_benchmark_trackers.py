@@ -59,10 +59,10 @@ def test_filterpys_side_tracks(motions):
     The prior is wrong by 15 of 40 km. The seed is fixed; the errors are 3 %, 5 % and 6 %.
     """
     candidate = FilterCandidate("theirs", SCENARIO, motions)
-    last = candidate._looks[-1]
-    assert [candidate.step() for _ in candidate._looks[1:]] == [1] * (len(candidate._looks) - 1)
+    last = candidate.looks[-1]
+    assert [candidate.step() for _ in candidate.looks[1:]] == [1] * (len(candidate.looks) - 1)
     away = math.hypot(last.emitter[0] - last.own.east, last.emitter[1] - last.own.north)
-    for kalman in candidate._filters:
+    for kalman in candidate.filters:
         assert math.dist(kalman.x[:2], last.emitter) < 0.1 * away
         assert np.isfinite(kalman.P).all()
     assert candidate._next == 0

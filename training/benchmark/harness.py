@@ -17,7 +17,7 @@ from gymnasium.vector import AutoresetMode
 
 from passloc_env import LocalisationEnv, LocalisationVectorEnv, Scenario
 from training.benchmark.filterpy_env import FilterPyEnv
-from training.benchmark.recording import record
+from training.benchmark.recording import Look, Replayed
 from training.benchmark.report import Row, Stepping, spread
 
 PEER = "FilterPy environment"
@@ -133,31 +133,25 @@ class ScalarCandidate:
         return self._decision_every
 
 
-class StoneSoupCandidate:
+class StoneSoupCandidate(Replayed):
     """Stone Soup's filter on recorded measurements."""
 
-    name, environments = "Stone Soup filter", 1
+    name = "Stone Soup filter"
     note = "tracker only: no world, bound, reward or observation"
 
     def __init__(self, scenario: Scenario, random: np.random.Generator) -> None:
         from training.benchmark.stone_soup import StoneSoupTracker
 
-        self._tracker, self._looks = StoneSoupTracker(scenario), record(scenario, random)
-        self._next = 0
+        super().__init__(scenario, random)
+        self._tracker = StoneSoupTracker(scenario)
 
-    def warm_up(self) -> None:
-        """One recording."""
-        for _ in self._looks:
-            self.step()
+    def start(self, look: Look) -> None:
+        """Begin to track from the first look."""
+        self._tracker.start(look)
 
-    def step(self) -> int:
-        """A prediction and an update; the recording's first look only starts the track."""
-        if self._next == 0:
-            self._tracker.start(self._looks[0])
-            self._next = 1
-        self._tracker.step(self._looks[self._next])
-        self._next = (self._next + 1) % len(self._looks)
-        return 1
+    def hear(self, look: Look) -> None:
+        """A prediction and an update."""
+        self._tracker.step(look)
 
 
 def measure_stepping(scenario: Scenario, sizes: Sequence[int], rounds: int, seconds: float) -> Stepping:

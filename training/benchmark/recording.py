@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,3 +51,40 @@ def record(scenario: Scenario, random: np.random.Generator) -> list[Look]:
         if step % episode.decision_every == 0:
             own.set_point = random.uniform(-math.pi, math.pi)
     return looks
+
+
+class Replayed(ABC):
+    """A candidate of the benchmark that hears one recording again and again.
+
+    Args:
+        scenario: what is recorded.
+        random: chance.
+    """
+
+    environments = 1
+
+    def __init__(self, scenario: Scenario, random: np.random.Generator) -> None:
+        self.looks = record(scenario, random)
+        self._next = 0
+
+    @abstractmethod
+    def start(self, look: Look) -> None:
+        """Begin to track from the first look."""
+
+    @abstractmethod
+    def hear(self, look: Look) -> None:
+        """A prediction and an update."""
+
+    def warm_up(self) -> None:
+        """One recording."""
+        for _ in self.looks:
+            self.step()
+
+    def step(self) -> int:
+        """One measurement; the recording's first look only starts the track."""
+        if self._next == 0:
+            self.start(self.looks[0])
+            self._next = 1
+        self.hear(self.looks[self._next])
+        self._next = (self._next + 1) % len(self.looks)
+        return 1

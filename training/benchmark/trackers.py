@@ -19,6 +19,7 @@ from passloc_env.simulation import Simulation
 from passloc_env.tracking import (
     InteractingModels,
     RangeBank,
+    RangePrior,
     SquareRootKalman,
     Tracker,
     UnscentedKalman,
@@ -26,7 +27,7 @@ from passloc_env.tracking import (
 from training.benchmark.harness import compare, decisions
 from training.benchmark.peer_tracking import Move, build_filter, prior_covariance
 from training.benchmark.peer_world import wrap
-from training.benchmark.recording import record
+from training.benchmark.recording import Look, Replayed
 from training.benchmark.report import Stepping
 
 
@@ -104,46 +105,34 @@ class TrackerCandidate:
         return self.environments
 
 
-class FilterCandidate:
+class FilterCandidate(Replayed):
     """FilterPy's unscented filters side by side on the recorded measurements of one environment."""
 
-    environments = 1
-
     def __init__(self, name: str, scenario: Scenario, motions: Sequence[tuple[Move | None, int]]) -> None:
+        super().__init__(scenario, np.random.default_rng(0))
         self.name = name
         self.note = "neither weighed nor mixed" if len(motions) > 1 else ""
+        assert isinstance(scenario.prior, RangePrior)
         self._prior = scenario.prior
-        self._filters = [build_filter(scenario, move, states) for move, states in motions]
-        self._looks = record(scenario, np.random.default_rng(0))
-        self._sigma = math.sqrt(self._filters[0].R[0, 0])
-        self._next = 0
+        self.filters = [build_filter(scenario, move, states) for move, states in motions]
 
-    def warm_up(self) -> None:
-        """One recording."""
-        for _ in self._looks:
-            self.step()
+    def start(self, look: Look) -> None:
+        """Every filter from the prior, whatever it does not tell nearly zero."""
+        guess, sigma = float(self._prior.range), math.sqrt(self.filters[0].R[0, 0])
+        for kalman in self.filters:
+            states = len(kalman.x)
+            kalman.x = np.zeros(states)
+            kalman.x[:2] = guess * math.sin(look.bearing), guess * math.cos(look.bearing)
+            kalman.P = 1e-4 * np.eye(states)
+            kalman.P[:4, :4] = prior_covariance(self._prior, look.bearing, guess * sigma)
 
-    def step(self) -> int:
-        """A prediction and an update of every filter; the recording's first look only starts them."""
-        if self._next == 0:
-            self._begin()
-            self._next = 1
-        look = self._looks[self._next]
-        for kalman in self._filters:
+    def hear(self, look: Look) -> None:
+        """A prediction and an update of every filter."""
+        for kalman in self.filters:
             kalman.predict()
             reference = math.atan2(kalman.x[0] - look.own.east, kalman.x[1] - look.own.north)
             measurement = np.array([wrap(look.bearing - reference), look.shift])
             kalman.update(measurement, own=look.own, reference=reference)
-        self._next = (self._next + 1) % len(self._looks)
-        return 1
-
-    def _begin(self) -> None:
-        bearing, guess = self._looks[0].bearing, self._prior.range  # type: ignore[attr-defined]
-        for kalman in self._filters:
-            kalman.x = np.zeros(kalman._dim_x)
-            kalman.x[:2] = guess * math.sin(bearing), guess * math.cos(bearing)
-            kalman.P = 1e-4 * np.eye(kalman._dim_x)
-            kalman.P[:4, :4] = prior_covariance(self._prior, bearing, guess * self._sigma)  # type: ignore[arg-type]
 
 
 def measure_trackers(scenario: Scenario, environments: int, rounds: int, seconds: float) -> Stepping:
