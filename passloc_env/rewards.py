@@ -214,21 +214,6 @@ class KeepOut(RewardTerm):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Violation(RewardTerm):
-    """−1 inside ``min_range``: where entering it ends the episode, a price of ending it so.
-
-    Like every term it is averaged over a decision: entering late in one costs a part of the weight.
-    """
-
-    name = "violation"
-    weight: float = quantity("weight", 100.0)
-
-    def score(self, outcome: Outcome) -> Array:
-        """Minus one where a commanded platform is too close."""
-        return -outcome.violated.astype(float)
-
-
-@dataclass(frozen=True, kw_only=True)
 class ControlEffort(RewardTerm):
     """``−ω²/ω_ref²``: turning costs."""
 

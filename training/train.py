@@ -32,7 +32,7 @@ from training.hyperparameters import Hyperparameters
 from training.privileged import PrivilegedPolicy, WithTruth, truth_names
 from training.progress_callback import ProgressCallback
 from training.provenance import provenance
-from training.wrappers import Choosing, Guarded, Mirrored, ScaledReward
+from training.wrappers import Choosing, Guarded, Mirrored, RisingPrice, ScaledReward
 
 
 @dataclass
@@ -114,12 +114,14 @@ def run(
 
 
 def learning_env(scenario: Scenario, parameters: Hyperparameters, seed: int) -> VecEnv:
-    """The environments as the learner meets them, behind shield and mirror, with choices and scaled rewards."""
+    """The environments as the learner meets them: shield, price, mirror, choices, scaled rewards."""
     families = families_of(scenario, parameters)
     counts = shares(parameters.environments, len(families))
     worlds = [_world(family, parameters, count) for family, count in zip(families, counts, strict=True)]
     env = worlds[0] if len(worlds) == 1 else Together(worlds)
     env.seed(seed)
+    if parameters.violation_price:
+        env = RisingPrice(env, parameters.violation_price, parameters.decisions)
     if parameters.mirror:
         further = truth_names(families[0]) if parameters.privileged_critic else ()
         env = Mirrored(env, MirrorSymmetry(families[0], further))

@@ -34,6 +34,36 @@ class ScaledReward(VecEnvWrapper):
         return observation, reward * np.float32(self._scale), done, infos
 
 
+class RisingPrice(VecEnvWrapper):
+    """Makes episodes that end in a violation dearer and dearer, linearly from nothing.
+
+    Dear from the start, violations teach a beginner to stay far away, which it never unlearns: what is to be found near
+    the emitter must be found first.
+
+    Args:
+        venv: the environment; its violations end episodes.
+        price: what a violation costs at the end of training.
+        decisions: of the whole training, in all environments.
+    """
+
+    def __init__(self, venv: VecEnv, price: float, decisions: int) -> None:
+        super().__init__(venv)
+        self._price, self._decisions = price, decisions
+        self._flown = 0
+
+    def reset(self) -> Any:
+        """Begin new episodes; the price stays."""
+        return self.venv.reset()
+
+    def step_wait(self) -> Stepped:
+        """The step, violations paid for; episode returns in the infos stay as they are."""
+        observation, reward, done, infos = self.venv.step_wait()
+        price = np.float32(self._price * min(self._flown / self._decisions, 1.0))
+        self._flown += self.num_envs
+        violated = [bool(ended and info["violated"]) for ended, info in zip(done, infos, strict=True)]
+        return observation, np.where(violated, reward - price, reward), done, infos
+
+
 class Guarded(VecEnvWrapper):
     """Flies behind a shield: what it replaces is part of the world that the learner meets."""
 

@@ -22,7 +22,6 @@ from passloc_env.rewards import (
     PositionError,
     RangeBound,
     TrackingError,
-    Violation,
 )
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
@@ -207,24 +206,6 @@ def test_the_final_bound_counts_once() -> None:
     np.testing.assert_array_equal(term.score(outcome()), [0.0])
     ended = term.score(outcome(last=np.ones(1, bool)))
     np.testing.assert_allclose(ended, -math.log(math.sqrt(1300.0) / 100.0), rtol=1e-14)
-
-
-@pytest.mark.parametrize(("distance", "expected"), [(MIN_RANGE * 1.001, 0.0), (MIN_RANGE * 0.999, -1.0), (10.0, -1.0)])
-def test_a_violation_counts_the_same_however_deep(distance: float, expected: float) -> None:
-    np.testing.assert_array_equal(Violation().score(outcome(distance)), [expected])
-
-
-def test_entering_late_in_a_decision_costs_a_part(begin: Callable[..., Simulation]) -> None:
-    """Flown at from 11 km with 10 km to be kept: inside after the third of four seconds, at 400 m/s."""
-    changes: dict[str, Any] = {
-        "target.start": CartesianStart(position=(0.0, 0.0), velocity=(0.0, 0.0)),
-        "platforms": (TurnLimitedPlatform(position=(0.0, 11e3), heading=math.pi, speed=400.0, max_turn_rate=1e-9),),
-        "reward": (Violation(weight=80.0),),
-    }
-    simulation = begin(Scenario().override(changes))
-    simulation.step(np.zeros((1, 1)))
-    assert simulation.outcome.closest[0] == pytest.approx(11e3 - 4 * 400.0)
-    assert simulation.reward[0] == pytest.approx(-80.0 * 2 / 4)
 
 
 def test_certainty_is_the_beliefs_own() -> None:

@@ -49,6 +49,7 @@ _ACCEPTS: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "entropy": ("a finite number of at least 0", lambda value: _finite(value) and value >= 0),
     "initial_log_sigma": ("a finite number", _finite),
     "reward_scale": _POSITIVE,
+    "violation_price": ("a finite number of at least 0", lambda value: _finite(value) and value >= 0),
     "network": ("a list of layer widths", lambda value: isinstance(value, tuple) and all(map(_whole, value))),
     "choices": ("0 or a whole number of at least 2", lambda value: _whole(value, least=0) and value != 1),
     "mirror": ("true or false", lambda value: isinstance(value, bool)),
@@ -90,6 +91,8 @@ class Hyperparameters:
     """Logarithm of the initial standard deviation of a Gaussian action."""
     reward_scale: float = 0.02
     """The learner sees the reward times this, so that returns are of the order of one."""
+    violation_price: float = 0.0
+    """What an episode that ends in a violation costs at the end of training, in reward; it rises from nothing."""
     network: tuple[int, ...] = (64, 64)
     """Hidden layers of actor and critic."""
     choices: int = 0
