@@ -19,7 +19,7 @@ from passloc_env.sb3 import LocalisationVecEnv, make_vec_env
 from training.commands import Train
 from training.hyperparameters import HyperparameterError, Hyperparameters
 from training.train import _agent, build_ppo, learning_env, run, train
-from training.wrappers import Choosing, Guarded, Mirrored, ScaledReward
+from training.wrappers import Choosing, Guarded, Mirrored, RisingPrice, ScaledReward
 
 SCENARIO = SCENARIOS["BearingsOnly"].override(
     {"name": "Near", "episode.steps": 40, "target.start.range": 16e3, "platforms.0.max_turn_rate": 0.3}
@@ -195,6 +195,34 @@ def test_scaled_rewards_leave_the_episode_returns():
         assert [episode_of(info) for info in found[3]] == [episode_of(info) for info in expected[3]]
         ended += expected[2].sum()
     assert ended >= N
+
+
+def test_violations_grow_dear():
+    """Each costs the share of the price that the training has come to; nothing else changes, least of all the truth."""
+    env, world = RisingPrice(plain(), 100.0, decisions=12 * N), plain()
+    np.testing.assert_array_equal(env.reset(), world.reset())
+    paid = []
+    for decision in range(16):
+        found, expected = env.step(actions_of(decision)), world.step(actions_of(decision))
+        violated = np.array([bool(info.get("violated")) for info in expected[3]]) & expected[2]
+        price = 100.0 * min(decision / 12, 1.0)
+        np.testing.assert_allclose(found[1], expected[1] - price * violated, rtol=1e-6, atol=1e-4)
+        np.testing.assert_array_equal(found[0], expected[0])
+        np.testing.assert_array_equal(found[2], expected[2])
+        assert [episode_of(info) for info in found[3]] == [episode_of(info) for info in expected[3]]
+        paid += [price] * violated.sum()
+    # Some before and some after the price has reached its end, and some that ran out of time paid nothing.
+    assert min(paid) < 100.0 == max(paid)
+    assert len(paid) > N / 2
+
+
+def test_a_price_is_asked_where_there_is_one():
+    env = learning_env(SCENARIO, dataclasses.replace(BOTH, violation_price=30.0), seed=0)
+    names = []
+    while hasattr(env, "venv"):
+        names.append(type(env).__name__)
+        env = env.venv
+    assert names == ["ScaledReward", "Mirrored", "RisingPrice", "Guarded"]
 
 
 @pytest.mark.parametrize("changes", [{}, {"mirror": False}, {"shield_sigmas": 0.0}, {"choices": 12}], ids=str)
