@@ -3,9 +3,9 @@
 *Moderate* is the non-manoeuvring case of Ristic, Arulampalam & Gordon, *Beyond the Kalman Filter*, ch. 6: moderately
 nonlinear. *Severe* is that of Leong, Arulampalam et al., IEEE Signal Processing Letters 21(5), 2014: a fast inbound
 target at three times the own speed, a poor prior, few and coarse bearings. Both are single fixed cases, meant for
-judging; the heading is free at each minute, and what is rewarded is what the literature scores: how well the emitter
-could be known at the end. Their features are in units of the range to be kept, so that keeping it looks the same in
-both.
+judging; the heading is free at each minute, and what is rewarded is above all what the literature scores: how well the
+emitter could be known at the end. Their features are in units of the range to be kept, so that keeping it looks the
+same in both.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import math
 from passloc_env.belief import BeliefFeatures
 from passloc_env.motion import ConstantVelocity
 from passloc_env.platforms import TurnLimitedPlatform
-from passloc_env.rewards import FinalBound, KeepOut
+from passloc_env.rewards import FinalBound, KeepOut, RangeBound
 from passloc_env.scenario import Bound, Episode, Scenario
 from passloc_env.sensors import Bearing
 from passloc_env.target import CartesianStart, Target
@@ -56,7 +56,7 @@ def _own_ship(
         ),
         tracker=RangeBank(motion=_NEARLY_STRAIGHT),
         bound=Bound(motion=_NEARLY_STRAIGHT),
-        reward=(FinalBound(weight=30.0, scale=10 * KILOMETRE), KeepOut()),
+        reward=(RangeBound(weight=0.1), FinalBound(weight=30.0, scale=10 * KILOMETRE), KeepOut()),
         observation=BeliefFeatures(range_scale=min_range / _NEAR, speed_scale=min_range / _CROSSING),
         episode=Episode(steps=steps, period=MINUTE, decision_every=1, min_range=min_range),
     )
