@@ -104,6 +104,9 @@ def planners(variant: Variant) -> tuple[str, ...]:
     else:
         spans = ("horizon",)
     last = ("shrinking:objective=A:over=end",) if score_of(scenario) is END_RMS else ()
+    if variant.family and interval <= _QUICK_DECISIONS:
+        # Many decisions, each of them of its own geometry: only the planner that is mostly the best.
+        return ("shrinking",)
     if variant.name not in _THOROUGH:
         return ("greedy", *spans[len(spans) // 2 :], "shrinking", *last)
     twins = ("greedy-truth", spans[len(spans) // 2].replace("horizon", "horizon-truth"), "shrinking-truth")

@@ -23,11 +23,13 @@ class Variant:
         name: of files and links, e.g. ``BearingsOnly-6mrad``.
         title: for people.
         scenario: what is flown; it keeps the name of the scenario that it was made from.
+        family: whether it is a family around a fixed case.
     """
 
     name: str
     title: str
     scenario: Scenario
+    family: bool = False
 
 
 _CHANGES: dict[str, tuple[tuple[str, str, Mapping[str, Any]], ...]] = {
@@ -55,14 +57,14 @@ def variants(names: str = "") -> tuple[Variant, ...]:
 
 
 def _of(scenario: Scenario) -> Sequence[Variant]:
-    wanted = list(_CHANGES.get(scenario.name, ()))
-    around = family(scenario)
-    if around:
-        wanted.append(("family", "a family around it", around))
     changed = [
         Variant(f"{scenario.name}-{suffix}", f"{scenario.name}, {words}", scenario.override(changes))
-        for suffix, words, changes in wanted
+        for suffix, words, changes in _CHANGES.get(scenario.name, ())
     ]
+    around = family(scenario)
+    if around:
+        words = f"{scenario.name}, a family around it"
+        changed.append(Variant(f"{scenario.name}-family", words, scenario.override(around), family=True))
     return [Variant(scenario.name, scenario.name, scenario), *changed]
 
 
