@@ -18,7 +18,8 @@ def suggest(trial: BaseTrial, base: Hyperparameters) -> Hyperparameters:
     """The base with what is searched replaced by a trial's suggestions.
 
     Rates are searched on a logarithmic scale, the discount by its distance from one. The batch size is searched by the
-    number of batches that a rollout is cut into, so that every batch is whole.
+    number of batches that a rollout is cut into, so that every batch is whole. Nothing is discounted where the base
+    discounts nothing: what counts there is the end.
     """
     rollout = base.environments * base.rollout
     batches = sorted({count for count in _BATCHES if rollout % count == 0} | {rollout // base.batch_size})
@@ -26,7 +27,7 @@ def suggest(trial: BaseTrial, base: Hyperparameters) -> Hyperparameters:
     return dataclasses.replace(
         base,
         learning_rate=trial.suggest_float("learning_rate", 3e-4, 3e-3, log=True),
-        discount=1.0 - trial.suggest_float("one_minus_discount", 2e-3, 1e-1, log=True),
+        discount=1.0 if base.discount == 1.0 else 1.0 - trial.suggest_float("one_minus_discount", 2e-3, 1e-1, log=True),
         trace_decay=trial.suggest_float("trace_decay", 0.9, 0.99),
         epochs=trial.suggest_int("epochs", 2, 12),
         batch_size=rollout // trial.suggest_categorical("batches", batches),

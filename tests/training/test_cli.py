@@ -113,7 +113,7 @@ def test_evaluate_judges_every_rule_by_default(passloc):
     assert "seeds 7–8" in out
     for name in ("stationary", "random", "perpendicular", "fly-at", "legs"):
         assert name in out
-    assert out.count("zigzag") == 2
+    assert out.count("zigzag") == 4
 
 
 def test_evaluate_reads_scenario_files(passloc, tmp_path):

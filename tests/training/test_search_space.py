@@ -27,7 +27,8 @@ def test_every_batch_is_whole(name):
     for _ in range(60):
         parameters = suggest(study.ask(), base)
         assert parameters.environments * parameters.rollout % parameters.batch_size == 0
-        assert 0.9 <= parameters.discount < 1.0
+        assert parameters.discount >= 0.9
+        assert (parameters.discount == 1.0) == (base.discount == 1.0)
         sizes.add(parameters.batch_size)
     # Of at least four sizes, sixty draws miss a given one with a probability below 1e-5.
     assert {base.batch_size, base.environments * base.rollout // 32} <= sizes

@@ -71,10 +71,9 @@ def test_configuration_says_everything(finished):
     config = json.loads((finished.folder / "config.json").read_text(encoding="utf-8"))
     assert config.keys() == {"scenario", "hyperparameters", "seed", "provenance"}
     assert Scenario.from_dict(config["scenario"]) == SCENARIO
-    parameters = Hyperparameters(
-        **{**config["hyperparameters"], "network": tuple(config["hyperparameters"]["network"])}
-    )
-    assert parameters == TINY
+    written = config["hyperparameters"]
+    lists = {name: tuple(written[name]) for name in ("network", "families")}
+    assert Hyperparameters(**written | lists) == TINY
     assert config["seed"] == 3
     assert config["provenance"]["versions"]["numpy"] == np.__version__
 
