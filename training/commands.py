@@ -131,7 +131,7 @@ class Demo:
     out: Path | None = None
     """Where everything goes; by default runs/demo, numbered when that exists."""
     decisions: int = 2_000_000
-    """Decisions to train for; a minute or two, a quarter of what the shipped agent got."""
+    """Decisions to train for; a minute or two, a fifth of what the shipped agent got."""
     episodes: int = 1024
     """Unseen episodes per policy."""
     seed: int = 0
