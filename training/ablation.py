@@ -77,6 +77,7 @@ def _candidates(scenario: Scenario, arguments: Ablate) -> list[Candidate]:
         decisions=arguments.decisions,
         shield_sigmas=0.0,
         shielded_training=False,
+        violation_price=0.0,
         # Where training is shipped with a reward of its own, that gives way to the one that is tried.
         overrides={name: value for name, value in shipped.overrides.items() if name.partition(".")[0] != "reward"},
     )

@@ -27,9 +27,10 @@ TINY = Hyperparameters(
     network=(8,),
     shield_sigmas=3.0,
     shielded_training=True,
+    violation_price=50.0,
     overrides={"episode.steps": 40, "reward": [{"type": "RangeBound"}]},
 )
-"""With a guard and a reward of its own, which the ablation must leave aside."""
+"""With a guard, a price and a reward of its own, which the ablation must leave aside."""
 FOLDERS = {
     stem + kept
     for stem in (
@@ -108,6 +109,7 @@ def test_agents_learn_from_their_reward_alone_and_nothing_guards_them(page, argu
     assert {agent.scenario.reward for agent in agents} == set(REWARDS.values())
     for agent in agents:
         assert agent.card["shield_sigmas"] == 0.0
+        assert agent.card["training"]["hyperparameters"]["violation_price"] == 0.0
         assert not agent.card["training"]["hyperparameters"]["shielded_training"]
         assert agent.scenario.episode.steps == 40
         assert agent.card["training"]["seed"] == 4
