@@ -214,7 +214,8 @@ def test_shipped_agents_play_where_they_fit(tmp_path, monkeypatch):
     found, notes = entrants(variants("BearingsOnly")[1])
     assert [entrant.name for entrant in found if entrant.kind == "learned"] == ["learned Fits"]
     (note,) = notes
-    assert note.startswith("Without Sees-else: ")
+    assert note.startswith("Without Sees-else: it was trained on ")
+    assert str(tmp_path) not in note
     assert isinstance(next(e for e in found if e.kind == "learned").policy, LearnedPolicy)
 
 

@@ -6,7 +6,16 @@ import hashlib
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from agents import RULE_NAMES, LearnedPolicy, Policy, TruthKnowing, agents_for, default_policies, find_policy
+from agents import (
+    RULE_NAMES,
+    LearnedPolicy,
+    Policy,
+    TruthKnowing,
+    agents_for,
+    default_policies,
+    find_policy,
+    shipped,
+)
 from agents.agent_file import AgentFileError
 from passloc_env.errors import ScenarioError
 from passloc_env.units import MINUTE
@@ -80,7 +89,8 @@ def entrants(variant: Variant, names: str = "") -> tuple[list[Entrant], list[str
         try:
             found.append(_entrant(text, variant))
         except (AgentFileError, ScenarioError) as error:
-            notes.append(f"Without {text.removeprefix('agent:')}: {error}.")
+            name = text.removeprefix("agent:")
+            notes.append(f"Without {name}: {str(error).replace(str(shipped.FOLDER / name), 'it')}.")
     return _unique(found), notes
 
 
