@@ -10,6 +10,12 @@ Said = tuple[int, str, str]
 
 
 @pytest.fixture
+def logs_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SB3 would leave a log folder in the system's temporary one."""
+    monkeypatch.setenv("SB3_LOGDIR", str(tmp_path / "logs"))
+
+
+@pytest.fixture
 def passloc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
     """Runs a command in this process and a folder of its own: its status, standard output and standard error."""
     from training import cli

@@ -22,10 +22,7 @@ SHIPS = SCENARIOS["CrossFix"]
 """Three headings at once."""
 
 
-@pytest.fixture(autouse=True)
-def logs_of_its_own(tmp_path, monkeypatch):
-    """SB3 would leave a log folder in the system's temporary one."""
-    monkeypatch.setenv("SB3_LOGDIR", str(tmp_path / "logs"))
+pytestmark = pytest.mark.usefixtures("logs_of_its_own")
 
 
 @pytest.mark.parametrize("count", [2, 3, 24, 32])

@@ -33,10 +33,7 @@ TINY = Hyperparameters(
 )
 
 
-@pytest.fixture(autouse=True)
-def logs_of_its_own(tmp_path, monkeypatch):
-    """SB3 would leave a log folder in the system's temporary one."""
-    monkeypatch.setenv("SB3_LOGDIR", str(tmp_path / "logs"))
+pytestmark = pytest.mark.usefixtures("logs_of_its_own")
 
 
 def worlds():

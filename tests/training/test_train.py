@@ -41,10 +41,7 @@ def weights_of(finished: Run) -> bytes:
     return b"".join(finished.agent.weights[name].tobytes() for name in sorted(finished.agent.weights))
 
 
-@pytest.fixture(autouse=True)
-def logs_of_its_own(tmp_path, monkeypatch):
-    """SB3 would leave a log folder in the system's temporary one."""
-    monkeypatch.setenv("SB3_LOGDIR", str(tmp_path / "logs"))
+pytestmark = pytest.mark.usefixtures("logs_of_its_own")
 
 
 @pytest.fixture(scope="module")

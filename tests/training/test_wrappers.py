@@ -42,10 +42,7 @@ SYMMETRY = MirrorSymmetry(SCENARIO)
 SIDE = observation_names(SCENARIO).index("own velocity across")
 
 
-@pytest.fixture(autouse=True)
-def logs_of_its_own(tmp_path, monkeypatch):
-    """SB3 would leave a log folder in the system's temporary one."""
-    monkeypatch.setenv("SB3_LOGDIR", str(tmp_path / "logs"))
+pytestmark = pytest.mark.usefixtures("logs_of_its_own")
 
 
 def by_hand(observation):

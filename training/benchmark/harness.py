@@ -176,11 +176,8 @@ def compare(candidates: Sequence[Candidate], peers: Sequence[Candidate], rounds:
     for _ in range(rounds):
         for candidate, own in zip(candidates, slices, strict=True):
             own.append(_slice(candidate, seconds))
-    found = {id(candidate): own for candidate, own in zip(candidates, slices, strict=True)}
-    return [
-        _row(candidate, found[id(candidate)], found[id(peer)])
-        for candidate, peer in zip(candidates, peers, strict=True)
-    ]
+    of_peers = [slices[candidates.index(peer)] for peer in peers]
+    return [_row(candidate, own, theirs) for candidate, own, theirs in zip(candidates, slices, of_peers, strict=True)]
 
 
 def _candidates(scenario: Scenario, sizes: Sequence[int]) -> tuple[list[Candidate], list[str]]:

@@ -113,13 +113,14 @@ def planners(variant: Variant) -> tuple[str, ...]:
         spans = ("horizon:seconds=480", "horizon:seconds=960")
     else:
         spans = ("horizon",)
+    middle = len(spans) // 2
     last = ("shrinking:objective=A:over=end",) if score_of(scenario) is END_RMS else ()
     if variant.family and interval <= _QUICK_DECISIONS:
         # Many decisions, each of them of its own geometry: only the planner that is mostly the best.
         return ("shrinking",)
     if variant.name not in _THOROUGH:
-        return ("greedy", *spans[len(spans) // 2 :], "shrinking", *last)
-    twins = ("greedy-truth", spans[len(spans) // 2].replace("horizon", "horizon-truth"), "shrinking-truth")
+        return ("greedy", *spans[middle:], "shrinking", *last)
+    twins = ("greedy-truth", spans[middle].replace("horizon", "horizon-truth"), "shrinking-truth")
     return ("greedy", *spans, "shrinking", *last, *twins)
 
 
