@@ -17,9 +17,22 @@ Number = Any
 """A scenario quantity: a float, a ``Distribution`` sampled at each reset, or (once realised) an array ``(N,)``."""
 
 
+def blank(like: Array, shape: tuple[int, ...]) -> Array:
+    """A new array of the kind of another one, to be filled.
+
+    Whatever runs inside a step makes its arrays from those it is given: then it runs on symbols too.
+    """
+    return np.empty_like(like, shape=shape)
+
+
+def zeros(like: Array, shape: tuple[int, ...]) -> Array:
+    """A new array of the kind of another one, all zero; see :func:`blank`."""
+    return np.zeros_like(like, shape=shape)
+
+
 def rows(first: Array, *others: Array) -> Array:
     """Equally shaped arrays as the rows of a new one; ``np.stack`` without its checks."""
-    stacked = np.empty((1 + len(others), *first.shape))
+    stacked = blank(first, (1 + len(others), *first.shape))
     stacked[0] = first
     for index, row in enumerate(others, 1):
         stacked[index] = row

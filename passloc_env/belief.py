@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from passloc_env.angles import bearing_of
-from passloc_env.arrays import Array, rows
+from passloc_env.arrays import Array, rows, zeros
 from passloc_env.component import Component
 from passloc_env.fields import quantity
 from passloc_env.frames import cross
@@ -92,7 +92,7 @@ def line_of_sight_axes(direction: Array) -> Array:
     """
     if len(direction) == 2:
         return rows(direction, rows(direction[1], -direction[0]))
-    horizontal = np.stack([direction[1], -direction[0], np.zeros(direction.shape[-1])])
+    horizontal = np.stack([direction[1], -direction[0], zeros(direction, direction.shape[-1:])])
     length = np.sqrt(inner(horizontal, horizontal))
     overhead = length < 1e-9
     horizontal[0, overhead], length[overhead] = 1.0, 1.0
@@ -171,8 +171,7 @@ class BeliefFeatures(Component):
         features = np.concatenate(parts)
         np.minimum(features, OBSERVATION_LIMIT, out=features)
         np.maximum(features, -OBSERVATION_LIMIT, out=features)
-        features[np.isnan(features)] = 0.0
-        return features
+        return np.where(np.isnan(features), 0.0, features)
 
     def _spread(self, belief: Belief, axes: Array, believed_range: Array) -> tuple[Array, Array]:
         """Log standard deviations ``(n, N)`` and correlations ``(n (n − 1) / 2, N)`` in the line-of-sight frame."""

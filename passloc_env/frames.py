@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, rows
+from passloc_env.arrays import Array, BoolArray, blank, rows, zeros
 from passloc_env.linalg import inner
 
 EARTH_RADIUS = 6_378_137.0
@@ -54,7 +54,7 @@ def local_axes(latitude: Array, longitude: Array) -> Array:
     """East, north and up as rows ``(3, 3, N)``, in ECEF."""
     sin_lat, cos_lat = np.sin(latitude), np.cos(latitude)
     sin_lon, cos_lon = np.sin(longitude), np.cos(longitude)
-    east = rows(-sin_lon, cos_lon, np.zeros(np.shape(sin_lon)))
+    east = rows(-sin_lon, cos_lon, zeros(sin_lon, np.shape(sin_lon)))
     north = rows(-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat)
     up = rows(cos_lat * cos_lon, cos_lat * sin_lon, sin_lat)
     return rows(east, north, up)
@@ -135,7 +135,7 @@ def turned_body(axes: Array, rotation: Array) -> Array:
     safe = np.where(still, 1.0, angle)
     sine = np.where(still, 1.0, np.sin(angle) / safe)
     versine = np.where(still, 0.5, (1.0 - np.cos(angle)) / (safe * safe))
-    turned = np.empty(axes.shape)
+    turned = blank(axes, axes.shape)
     for i in range(3):
         once = cross(vector, axes[i])
         turned[i] = axes[i] + sine * once + versine * cross(vector, once)

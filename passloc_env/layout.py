@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from passloc_env.arrays import Array
+from passloc_env.arrays import Array, zeros
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class StateLayout:
         """``state`` of layout ``source`` in this layout; rows the source lacks are zero. The same array when equal."""
         if self == source:
             return state
-        converted = np.zeros((self.size, *state.shape[1:]))
+        converted = zeros(state, (self.size, *state.shape[1:]))
         shared = min(self.kinematic.stop, source.kinematic.stop)
         converted[:shared] = state[:shared]
         for name in self.nuisance:

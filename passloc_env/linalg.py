@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray
+from passloc_env.arrays import Array, BoolArray, zeros
 
 Entries = TypeVar("Entries", Array, BoolArray)
 
@@ -51,7 +51,7 @@ def matmul(a: Array, b: Array) -> Array:
 def row_gram(matrix: Array) -> Array:
     """``A Aᵀ``: ``(n, w, …)`` to ``(n, n, …)``, zero when there are no columns; symmetric to the last bit."""
     if matrix.shape[1] == 0:
-        return np.zeros((len(matrix), len(matrix), *matrix.shape[2:]))
+        return zeros(matrix, (len(matrix), len(matrix), *matrix.shape[2:]))
     columns = matrix.swapaxes(0, 1)
     return tree_sum(columns[:, :, None] * columns[:, None])
 
@@ -91,7 +91,7 @@ def cholesky(matrix: Array, scale: float = 1.0) -> Factor:
     n = len(matrix)
     rest = np.multiply(matrix, scale, order="C")
     floors = _flat_diagonal(rest) * _PIVOT_FLOOR
-    lower = np.zeros(rest.shape)
+    lower = zeros(rest, rest.shape)
     for j in range(n):
         root = np.sqrt(np.maximum(rest[j, j], floors[j]))
         column = np.divide(rest[j:, j], root, out=lower[j:, j])[1:]
@@ -174,7 +174,7 @@ def log_determinant(lower: Array) -> Array:
 
 def inverse_from_factor(lower: Array) -> Array:
     """``A⁻¹`` of the matrices whose Cholesky factors ``(n, n, …)`` are given; symmetric to the last bit."""
-    right = np.zeros(lower.shape)
+    right = zeros(lower, lower.shape)
     diagonal(right)[...] = 1.0
     half = solve_lower(lower, right)
     return row_gram(transpose(half))
@@ -222,7 +222,7 @@ class LinearMap:
         """``A x`` for ``(n, …, N)``, a new array ``(m, …, N)``."""
         if self._is_diagonal and vectors.ndim == 2:
             return self._runs[0][2] * vectors
-        result = vectors.copy() if self._identity else np.zeros((len(self.matrix), *vectors.shape[1:]))
+        result = vectors.copy() if self._identity else zeros(vectors, (len(self.matrix), *vectors.shape[1:]))
         self._add_runs(vectors, result)
         return result
 

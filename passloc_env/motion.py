@@ -319,18 +319,12 @@ class Manoeuvre(Motion):
     def propagate(self, state: Array, layout: StateLayout, period: float, time: Array) -> Array:
         """The state ``(n, N)`` one period after ``time``."""
         overlap = np.minimum(time + period, self.start + self.duration) - np.maximum(time, self.start)
-        moved = state.copy()
-        moved[layout.position] += period * state[layout.velocity]
-        active = np.flatnonzero(overlap > 0.0)
-        if len(active):
-            moved[:, active] = self._manoeuvred(state[:, active], layout, period, overlap[active], active)
-        return moved
+        return self._manoeuvred(state, layout, period, np.maximum(overlap, 0.0))
 
-    def _manoeuvred(self, state: Array, layout: StateLayout, period: float, overlap: Array, active: IntArray) -> Array:
-        """States ``(n, k)`` of the environments whose manoeuvre takes ``overlap (k,)`` seconds of the step."""
-        acceleration, turn_rate, kind = (_of(v, active) for v in (self.acceleration, self.turn_rate, self.kind))
-        gain = 0.5 * acceleration * (np.fmod(kind, 2.0) * overlap)
-        half = 0.5 * turn_rate * (np.greater_equal(kind, 2.0) * overlap)
+    def _manoeuvred(self, state: Array, layout: StateLayout, period: float, overlap: Array) -> Array:
+        """States ``(n, N)`` after a step of which the manoeuvre takes ``overlap (N,)`` seconds."""
+        gain = 0.5 * self.acceleration * (np.fmod(self.kind, 2.0) * overlap)
+        half = 0.5 * self.turn_rate * (np.greater_equal(self.kind, 2.0) * overlap)
 
         d = layout.dimension
         velocity = state[d : d + 2]
@@ -348,8 +342,3 @@ class Manoeuvre(Motion):
     def noise_gain(self, layout: StateLayout, period: float) -> Array:
         """No process noise: ``(n, 0, 1)``."""
         return np.zeros((layout.size, 0, 1))
-
-
-def _of(number: Number, columns: IntArray) -> Number:
-    """A quantity in some environments only."""
-    return number[columns] if isinstance(number, np.ndarray) else number

@@ -55,6 +55,19 @@ class NavigationErrors(NamedTuple):
     """Anew at each instant, ``(f, N)``."""
 
 
+class StepNoise(NamedTuple):
+    """What chance does to one sensor step of every environment."""
+
+    measurement: Array
+    """Errors ``(m, N)`` of the measurement, uncorrelated, of unit variance."""
+    process: Array
+    """Standard normals ``(w, N)`` that disturb the emitter on its way there."""
+    detection: Array
+    """Standard uniforms ``(s, N)`` that decide what is detected."""
+    navigation: list[NavigationErrors]
+    """The navigation errors of each platform."""
+
+
 class EpisodeNoise:
     """The noise of a batch of episodes. Measurement noise ``k`` belongs to time ``k``; 0 is the first look."""
 
@@ -104,27 +117,42 @@ class EpisodeNoise:
         self._bits.state = whole
         return self._generator
 
+    def at(self, step: IntArray, columns: IntArray | slice = slice(None)) -> StepNoise:
+        """All that belongs to the step that ends at measurement ``step (N,)``, in some environments."""
+        return StepNoise(
+            self.measurement(step, columns),
+            self.process(np.maximum(step - 1, 0), columns),
+            self.detection(step, columns),
+            self.navigation(step, columns),
+        )
+
     def measurement(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
         """Errors ``(m, k)`` of the measurement at step ``(N,)``, in some environments; uncorrelated, unit variance."""
-        return self._measurement[self._rows[columns], step[columns]].T
+        return self._taken(self._measurement, step, columns)
 
     def process(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
         """Standard normals ``(w, N)`` that disturb the emitter from step ``(N,)`` to the next."""
-        return self._process[self._rows[columns], step[columns]].T
+        return self._taken(self._process, step, columns)
 
     def detection(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
         """Standard uniforms ``(s, N)`` that decide what is detected at step ``(N,)``."""
-        return self._detection[self._rows[columns], step[columns]].T
+        return self._taken(self._detection, step, columns)
 
     def navigation(self, step: IntArray, columns: IntArray | slice = slice(None)) -> list[NavigationErrors]:
         """The navigation errors of each platform at step ``(N,)``, in some environments."""
         constant = self._constant_errors[:, columns]
-        fresh = self._fresh_errors[self._rows[columns], step[columns]].T if self._fresh_errors.shape[-1] else constant
+        fresh = self._taken(self._fresh_errors, step, columns)
         errors, first, last = [], 0, 0
         for kept, renewed in self._sizes.navigation:
             errors.append(NavigationErrors(constant[first : first + kept], fresh[last : last + renewed]))
             first, last = first + kept, last + renewed
         return errors
+
+    def _taken(self, kept: Array, step: IntArray, columns: IntArray | slice) -> Array:
+        """Those ``(k, N)`` of all steps ``(N, steps, k)`` that belong to one step ``(N,)`` of each environment."""
+        environments, steps, numbers = kept.shape
+        where = step[columns] + (steps * self._rows)[columns]
+        return kept.reshape(environments * steps, numbers).take(where, axis=0).T
 
     def state_arrays(self) -> dict[str, np.ndarray]:
         """All numbers, by kind, batch axis last."""

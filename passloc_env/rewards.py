@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray
+from passloc_env.arrays import Array, BoolArray, zeros
 from passloc_env.component import Component
 from passloc_env.fields import abstract, quantity
 from passloc_env.information import Information, sigma_along
@@ -208,7 +208,7 @@ class KeepOut(RewardTerm):
     def score(self, outcome: Outcome) -> Array:
         """The ramp between ``min_range (1 + margin)`` and ``min_range``."""
         if outcome.min_range == 0.0:
-            return np.zeros(outcome.closest.shape)
+            return zeros(outcome.closest, outcome.closest.shape)
         depth = (1.0 + self.margin - outcome.closest / outcome.min_range) / self.margin
         return -np.minimum(np.maximum(depth, 0.0), 1.0)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from passloc_env.angles import wrap_in_place
-from passloc_env.arrays import Array, BoolArray
+from passloc_env.arrays import Array, BoolArray, blank
 from passloc_env.distributions import Distribution
 from passloc_env.errors import ScenarioError
 from passloc_env.linalg import LinearMap, cholesky, diagonal, log_determinant
@@ -47,14 +47,14 @@ class SensorSuite:
 
     def measure(self, scene: Scene) -> Array:
         """The noise-free measurements ``(m, …, N)``."""
-        stacked = np.empty((self.size, *scene.state.shape[1:]))
+        stacked = blank(scene.state, (self.size, *scene.state.shape[1:]))
         for sensor, rows in zip(self.sensors, self.rows, strict=True):
             stacked[rows] = sensor.measure(scene)
         return stacked
 
     def jacobian(self, scene: Scene) -> Array:
         """Their derivative with respect to the state ``(m, n, …, N)``."""
-        stacked = np.empty((self.size, *scene.state.shape))
+        stacked = blank(scene.state, (self.size, *scene.state.shape))
         for sensor, rows in zip(self.sensors, self.rows, strict=True):
             stacked[rows] = sensor.jacobian(scene)
         return stacked

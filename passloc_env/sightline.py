@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from passloc_env.angles import bearing_of
-from passloc_env.arrays import Array, BoolArray, Number
+from passloc_env.arrays import Array, BoolArray, Number, zeros
 from passloc_env.layout import StateLayout
 from passloc_env.lazy import lazy
 from passloc_env.linalg import inner
@@ -116,4 +116,4 @@ class Scene:
 
     def empty_jacobian(self, rows: int) -> Array:
         """Zeros ``(rows, n, …, N)`` for a sensor to fill."""
-        return np.zeros((rows, *self.state.shape))
+        return zeros(self.state, (rows, *self.state.shape))

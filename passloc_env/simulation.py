@@ -13,9 +13,11 @@ import numpy as np
 
 from passloc_env.arrays import Array, BoolArray, IntArray
 from passloc_env.belief import Belief
+from passloc_env.compiled.flight import RowsFlight
+from passloc_env.compiled.plan import plan_of
 from passloc_env.information import Information
 from passloc_env.models import ScenarioModels
-from passloc_env.noise import EpisodeNoise, NoiseSizes
+from passloc_env.noise import EpisodeNoise, NoiseSizes, StepNoise
 from passloc_env.platforms import Platform, Pose
 from passloc_env.randomisation import Randomisation, take
 from passloc_env.rewards import Outcome
@@ -42,8 +44,9 @@ class Simulation:
         watchers: called with the simulation after every sensor step.
     """
 
-    def __init__(self, scenario: Scenario, environments: int) -> None:
-        self.scenario, self.environments = scenario, environments
+    def __init__(self, scenario: Scenario, environments: int, straight: bool = True) -> None:
+        self.scenario, self.environments, self._straight = scenario, environments, straight
+        self.flight: RowsFlight | None = None
         self._randomisation = Randomisation(scenario, environments)
         self.realised: Scenario = self._randomisation.realised
         self.models = self._build_models()
@@ -64,28 +67,48 @@ class Simulation:
         self.lost: BoolArray = np.zeros(n, bool)
         self.detected: BoolArray | None = None
         self.watchers: list[Callable[[Simulation], None]] = []
+        self._outcome: Outcome | None = None
 
     def step(self, action: Array) -> None:
         """Fly one decision, ``action (a, N)`` finite; clipped to [-1, 1]."""
+        flight = self._prepared_flight()
         with np.errstate(all="ignore"):
-            self._decide(action)
+            if flight is not None:
+                flight.step(action)
+                self._outcome = None
+                return
+            self.decide(action, self.noise_at())
             for _ in range(self.scenario.episode.decision_every):
                 self._advance()
-            self._conclude()
+            self.conclude()
+
+    def _prepared_flight(self) -> RowsFlight | None:
+        """What flies in place of the methods below; None while somebody watches, or where nothing else can."""
+        if self._straight and self.flight is None:
+            plan = plan_of(self.scenario)
+            self._straight = plan is not None
+            if plan is not None:
+                self.flight = RowsFlight(plan, self)
+        return None if self.watchers else self.flight
 
     def _advance(self) -> None:
-        """One sensor step: move, measure, track, account, score."""
-        episode = self.scenario.episode
+        """One sensor step, and whoever watches it."""
         time = self.time
-        for index, platform in enumerate(self.realised.platforms):
-            moved = platform.move(self.platform_states[index], self._set_points[index], episode.period)
-            self.platform_states[index][...] = moved
-        self._move_emitter(time)
         self.step_count += 1
+        self.sense(time, self.noise_at())
+        for watch in self.watchers:
+            watch(self)
+
+    def sense(self, time: Array, noise: StepNoise) -> None:
+        """One sensor step from ``time (N,)``: move, measure, track, account, score."""
+        for index, platform in enumerate(self.realised.platforms):
+            moved = platform.move(self.platform_states[index], self._set_points[index], self.scenario.episode.period)
+            self.platform_states[index][...] = moved
+        self._move_emitter(time, noise)
 
         scene = self.scene()
-        reported = self.reported_poses(scene.poses)
-        measurement, self.detected = self.measure(scene)
+        reported = self._reported(self.realised.platforms, self.platform_states, scene.poses, noise)
+        measurement, self.detected = self.measure(scene, noise)
         self.track.predict(time)
         self.track.update(measurement, reported, self.detected)
         self._restart_where_broken(measurement, reported)
@@ -93,43 +116,42 @@ class Simulation:
         self.information.advance()
         self._inform(scene, self.detected)
         self._score(scene)
-        for watch in self.watchers:
-            watch(self)
 
-    def measure(self, scene: Scene, columns: IntArray | slice = slice(None)) -> tuple[Array, BoolArray | None]:
+    def noise_at(self, columns: IntArray | slice = slice(None)) -> StepNoise:
+        """The noise of the sensor step that ends now, in some environments; that of the last one when time is over."""
+        return self.noise.at(np.minimum(self.step_count, self.scenario.episode.steps), columns)
+
+    def measure(self, scene: Scene, noise: StepNoise | None = None) -> tuple[Array, BoolArray | None]:
         """The noisy measurement ``(m, k)`` of a true scene, and what of it was detected (None: all).
 
-        ``columns`` tells which environments the scene shows; all by default.
+        ``noise`` is that of the environments that the scene shows; all, as they are now, by default.
         """
+        noise = self.noise_at() if noise is None else noise
         suite = self.models.suite
-        step = np.minimum(self.step_count, self.scenario.episode.steps)
         measurement = suite.measure(scene)
-        measurement += suite.noise(self.noise.measurement(step, columns))
+        measurement += suite.noise(noise.measurement)
         suite.wrap(measurement)
-        uniforms = self.noise.detection(step, columns) if suite.may_miss else None
-        return measurement, suite.detected(scene, uniforms)
+        return measurement, suite.detected(scene, noise.detection if suite.may_miss else None)
 
-    def _move_emitter(self, time: Array) -> None:
+    def _move_emitter(self, time: Array, noise: StepNoise) -> None:
         """Where the emitter goes in one period, process noise included."""
         dynamics = self.models.truth.dynamics
         dynamics.advance(self.truth, time)
-        if dynamics.noise_size:
-            step = np.minimum(self.step_count, self.scenario.episode.steps - 1)
-            dynamics.disturb(self.truth, self.noise.process(step))
+        dynamics.disturb(self.truth, noise.process)
 
     def _inform(self, scene: Scene, detected: BoolArray | None) -> None:
         """Account for what the measurement tells at the true geometry."""
         suite, scene = self.models.suite, self._in_bound_layout(scene)
         self.information.absorb(suite.jacobian(scene), suite, detected)
 
-    def _decide(self, action: Array) -> None:
+    def decide(self, action: Array, noise: StepNoise) -> None:
         """Turn an action into set-points, relative to the believed lines of sight."""
         np.minimum(np.maximum(action, -1.0), 1.0, out=self.action)
         emitter = self.track.mean[self.models.tracker.layout.position]
         first = 0
-        for index, (platform, pose) in enumerate(
-            zip(self.realised.platforms, self.reported_poses(self.poses()), strict=True)
-        ):
+        platforms = self.realised.platforms
+        reported = self._reported(platforms, self.platform_states, self.poses(), noise)
+        for index, (platform, pose) in enumerate(zip(platforms, reported, strict=True)):
             part = self.action[first : first + platform.controls]
             first += platform.controls
             if platform.controls:
@@ -148,7 +170,7 @@ class Simulation:
             self.reward_terms[term.name] += term.score(self.outcome)
         self.violated |= self.outcome.violated
 
-    def _conclude(self) -> None:
+    def conclude(self) -> None:
         """Average the decision's reward over its sensor steps and raise the flags."""
         for term in self.realised.reward:
             total = self.reward_terms[term.name]
@@ -156,6 +178,17 @@ class Simulation:
             self.reward += term.weight * total
         self.breached |= self.violated
         self.lost[...] = ~(self.outcome.relative_range_error <= self.scenario.episode.lost_error)
+
+    @property
+    def outcome(self) -> Outcome:
+        """What the last sensor step came to."""
+        if self._outcome is None:
+            self._outcome = self.look(self.scene())
+        return self._outcome
+
+    @outcome.setter
+    def outcome(self, outcome: Outcome | None) -> None:
+        self._outcome = outcome
 
     def bound_scene(self) -> Scene:
         """The true scene in the state of the bound."""
@@ -200,8 +233,11 @@ class Simulation:
     @property
     def belief(self) -> Belief:
         """What a policy may know; views of the live state."""
+        return self.belief_at(self.time, self.noise_at())
+
+    def belief_at(self, time: Array, noise: StepNoise) -> Belief:
+        """What a policy may know at ``time (N,)``, given this instant's navigation errors."""
         episode = self.scenario.episode
-        time = self.time
         return Belief(
             time=time,
             time_left=episode.duration - time,
@@ -210,7 +246,7 @@ class Simulation:
             mean=self.track.mean,
             covariance=self.track.covariance,
             layout=self.models.tracker.layout,
-            poses=self.reported_poses(self.poses()),
+            poses=self._reported(self.realised.platforms, self.platform_states, self.poses(), noise),
             platforms=self.realised.platforms,
             sensors=self.realised.sensors,
             motion=self.realised.forecast_motion,
@@ -223,6 +259,8 @@ class Simulation:
     def observe(self) -> Array:
         """The observation features ``(f, N)``; a new array."""
         with np.errstate(all="ignore"):
+            if self.flight is not None:
+                return self.flight.observe()
             return self.realised.observation.observe(self.belief)
 
     def poses(self) -> list[Pose]:
@@ -231,21 +269,16 @@ class Simulation:
 
     def reported_poses(self, poses: list[Pose]) -> list[Pose]:
         """The pose that every platform reports, given the true ones."""
-        return self._reported(self.realised.platforms, self.platform_states, poses)
+        return self._reported(self.realised.platforms, self.platform_states, poses, self.noise_at())
 
+    @staticmethod
     def _reported(
-        self,
-        platforms: Sequence[Platform],
-        states: Sequence[Array],
-        poses: Sequence[Pose],
-        columns: IntArray | slice = slice(None),
+        platforms: Sequence[Platform], states: Sequence[Array], poses: Sequence[Pose], noise: StepNoise
     ) -> list[Pose]:
-        """The poses reported in some environments, by platforms as they stand there."""
-        step = np.minimum(self.step_count, self.scenario.episode.steps)
-        errors = self.noise.navigation(step, columns)
+        """The poses that platforms report as they stand."""
         return [
-            platform.reported_pose(state, pose, error)
-            for platform, state, pose, error in zip(platforms, states, poses, errors, strict=True)
+            platform.reported_pose(state, pose, errors)
+            for platform, state, pose, errors in zip(platforms, states, poses, noise.navigation, strict=True)
         ]
 
     def scene(self) -> Scene:
@@ -282,8 +315,9 @@ class Simulation:
         truth = self._first_truth(evaluated)
         states = [platform.start(len(evaluated)) + 0.0 for platform in platforms]
         poses = _poses(platforms, states)
-        reported = self._reported(platforms, states, poses, evaluated)
-        heard = self.measure(Scene(truth, self.models.truth.layout, poses), evaluated)
+        noise = self.noise_at(evaluated)
+        reported = self._reported(platforms, states, poses, noise)
+        heard = self.measure(Scene(truth, self.models.truth.layout, poses), noise)
 
         look = self._first_look(truth, heard, reported, self.noise.prior[:, evaluated])
         mean, covariance = prior.start(look)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray
+from passloc_env.arrays import Array, BoolArray, blank, zeros
 from passloc_env.linalg import solve_lower, transpose, tree_sum
 
 _SMALLEST_SHARE = 1e-14
@@ -25,7 +25,7 @@ def triangularise(columns: Array) -> Array:
     """
     n, count = columns.shape[:2]
     rest = columns.copy()
-    lower = np.zeros((n, n, *columns.shape[2:]))
+    lower = zeros(columns, (n, n, *columns.shape[2:]))
     for j in range(min(n, count)):
         row, below = rest[j, j:], rest[j + 1 :, j:]
         length = np.sqrt(tree_sum(row * row), out=lower[j, j])
@@ -43,7 +43,7 @@ def triangularise(columns: Array) -> Array:
 
 def lower_gram(lower: Array) -> Array:
     """``L Lᵀ (n, n, …, N)`` of lower triangular matrices; symmetric to the last bit."""
-    product = np.zeros(lower.shape)
+    product = zeros(lower, lower.shape)
     for k in range(len(lower)):
         column = lower[k:, k]
         product[k:, k:] += column[:, None] * column
@@ -69,10 +69,10 @@ def rotate_in(leading: Array, others: Array) -> None:
     """
     n = others.shape[1]
     first, rest = others[0], others[1:]
-    lengths = np.empty((n + 1, *first.shape[1:]))
+    lengths = blank(first, (n + 1, *first.shape[1:]))
     np.multiply(first, first, out=lengths[:n])
     np.multiply(leading[0], leading[0], out=lengths[n])
-    reach = np.empty((n + 1, *leading[1:].shape))
+    reach = blank(leading, (n + 1, *leading[1:].shape))
     np.multiply(first[:, None], transpose(rest), out=reach[:n])
     np.multiply(leading[0], leading[1:], out=reach[n])
     for i in reversed(range(n)):
@@ -94,7 +94,7 @@ def downdate(lower: Array, vector: Array) -> BoolArray:
     """
     reach = solve_lower(lower, vector[:, None].copy())
     left = 1.0 - tree_sum(np.square(reach[:, 0]))
-    leading = np.zeros((len(lower) + 1, *vector.shape[1:]))
+    leading = zeros(lower, (len(lower) + 1, *vector.shape[1:]))
     np.sqrt(np.maximum(left, _SMALLEST_SHARE), out=leading[0])
     others = np.concatenate([transpose(reach), lower])
     rotate_in(leading, others)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, Number, rows
+from passloc_env.arrays import Array, BoolArray, Number, rows, zeros
 from passloc_env.fields import quantity
 from passloc_env.frames import EARTH_GRAVITY, EARTH_RADIUS, EARTH_RATE, below_horizon, cross, turned_body
 from passloc_env.lazy import lazy
@@ -116,7 +116,7 @@ class CircularOrbit(Platform):
         """The true position and velocity, and the attitude with its errors."""
         if not self.constant_errors and not self.fresh_errors:
             return pose
-        rotation = np.zeros((3, state.shape[-1]))
+        rotation = zeros(state, (3, state.shape[-1]))
         if self.constant_errors:
             rotation += self.attitude_bias_sigma * errors.constant
         if self.fresh_errors:
@@ -164,7 +164,7 @@ class OrbitPose(Pose):
     def attitude_rate(self) -> Array:
         """Time derivative of the axes: the orbit's turn, the body's own, less the Earth's; rad/s."""
         rate = self._orbit.orbital_rate
-        carried = self._body(rows(-rate * self._up, np.zeros(self._up.shape), -rate * self._forward))
+        carried = self._body(rows(-rate * self._up, zeros(self._up, self._up.shape), -rate * self._forward))
         body = self.attitude
         spin = tree_sum(self._state[_RATES][:, None] * body)
         return rows(*(carried[i] + cross(spin, body[i]) - _earth_turn(body[i]) for i in range(3)))
@@ -186,4 +186,4 @@ def _turned_east(vector: Array, angle: Array) -> Array:
 
 def _earth_turn(vector: Array) -> Array:
     """``ω × w`` for the rotation of the Earth, ``(3, N)``."""
-    return EARTH_RATE * rows(-vector[1], vector[0], np.zeros(vector.shape[1:]))
+    return EARTH_RATE * rows(-vector[1], vector[0], zeros(vector, vector.shape[1:]))

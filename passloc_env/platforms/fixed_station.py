@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, Number
+from passloc_env.arrays import Array, Number, zeros
 from passloc_env.fields import vector
 from passloc_env.platforms.platform import Platform, stack
 from passloc_env.platforms.pose import Pose
@@ -33,5 +33,5 @@ class FixedStation(Platform):
 
     def pose(self, state: Array) -> Pose:
         """At rest."""
-        still = np.zeros(state.shape)
+        still = zeros(state, state.shape)
         return Pose(state, still, still)

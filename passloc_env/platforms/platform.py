@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from passloc_env.arrays import Array, Number
+from passloc_env.arrays import Array, Number, zeros
 from passloc_env.component import Component
 from passloc_env.fields import abstract
 from passloc_env.noise import NavigationErrors
@@ -55,7 +55,7 @@ class Platform(Component):
             action: its part of the action ``(controls, N)``, already within [-1, 1].
             line_of_sight: believed unit vector to the emitter ``(d, N)``.
         """
-        return np.zeros((self.set_points, state.shape[-1]))
+        return zeros(state, (self.set_points, state.shape[-1]))
 
     def move(self, state: Array, set_point: Array, period: float) -> Array:
         """The state one period (s) later; a new array."""

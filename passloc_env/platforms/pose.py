@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from passloc_env.angles import direction
-from passloc_env.arrays import Array, BoolArray, Number, rows
+from passloc_env.arrays import Array, BoolArray, Number, rows, zeros
 from passloc_env.lazy import lazy
 
 
@@ -38,7 +38,7 @@ class Pose:
     @lazy
     def acceleration(self) -> Array:
         """``(d, N)``, m/s²; zero unless the platform says otherwise."""
-        return np.zeros(self.position.shape)
+        return zeros(self.position, self.position.shape)
 
     @lazy
     def attitude(self) -> Array:
@@ -49,7 +49,7 @@ class Pose:
     @lazy
     def attitude_rate(self) -> Array:
         """Time derivative of :attr:`attitude`, rad/s."""
-        return np.zeros((len(self.position), *self.position.shape))
+        return zeros(self.position, (len(self.position), *self.position.shape))
 
     def hidden(self, point: Array) -> BoolArray | None:
         """Which points ``(d, N)`` the surroundings hide from here ``(N,)``; None where nothing ever hides."""

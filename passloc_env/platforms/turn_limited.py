@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passloc_env.angles import turned, wrap
-from passloc_env.arrays import Array, Number
+from passloc_env.arrays import Array, Number, blank
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import option, quantity, vector
 from passloc_env.motion import sinc
@@ -92,7 +92,7 @@ class TurnLimitedPlatform(Platform):
             chord = (2.0 / self.max_turn_rate) * np.abs(sine)
         middle = turned(state[4:], sine, cosine)
         forward = turned(middle, sine, cosine)
-        moved = np.empty(state.shape)
+        moved = blank(state, state.shape)
         moved[:2] = state[:2] + self.speed * (chord * middle + straight * forward)
         moved[2] = state[2] + turn
         moved[3] = rate

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray
+from passloc_env.arrays import Array, BoolArray, blank
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import part
 from passloc_env.linalg import cholesky, matmul, transpose
@@ -58,7 +58,7 @@ class ExtendedTrack(Track):
             repair(self)
         scene = Scene(self.mean, self.models.layout, poses)
         rows = suite.jacobian(scene)
-        right = np.empty((suite.size, n + 1, self.mean.shape[1]))
+        right = blank(self.mean, (suite.size, n + 1, self.mean.shape[1]))
         right[:, :n] = matmul(rows, self.covariance)
         right[:, n] = suite.difference(measurement, suite.measure(scene))
         innovation_covariance = matmul(right[:, :n], transpose(rows)) + suite.noise_covariance

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.arrays import Array, BoolArray, IntArray, blank
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import parts, quantity
 from passloc_env.layout import StateLayout
@@ -210,7 +210,7 @@ class InteractingTrack(MixtureTrack):
 
     def update(self, measurement: Array, poses: list[Pose], detected: BoolArray | None = None) -> None:
         """Every member's correction, and how likely its motion is now."""
-        likelihood = np.empty(self.weights.shape)
+        likelihood = blank(self.weights, self.weights.shape)
         for crew in self._crews:
             own, models = crew.take(self.members), self.models.members[crew.members[0]]
             lower = crew.transform.update(own, models, measurement, poses, detected)

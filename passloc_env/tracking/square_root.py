@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.arrays import Array, BoolArray, blank, zeros, IntArray
 from passloc_env.linalg import cholesky, diagonal, mend, solve_lower, transpose, tree_sum
 from passloc_env.platforms import Pose
 from passloc_env.sightline import Scene
@@ -100,7 +100,7 @@ class SquareRootTrack(Track):
         differences = self._differences(measurement, poses, detected)
         ahead, behind = differences[:, 1 : n + 1], differences[:, n + 1 :]
         half = math.sqrt(0.5 * self._weight)
-        joint, leading = np.empty((m + n, n, size)), np.zeros((m + n, m, size))
+        joint, leading = blank(self.root, (m + n, n, size)), zeros(self.root, (m + n, m, size))
         joint[:m], joint[m:] = half * (ahead - behind), self.root
         bends = ahead + behind
         shift = self._weight * tree_sum(transpose(bends).copy())

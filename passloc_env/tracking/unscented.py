@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray
+from passloc_env.arrays import Array, BoolArray, blank
 from passloc_env.dynamics import Dynamics
 from passloc_env.errors import ScenarioError
 from passloc_env.linalg import cholesky, spaced, transpose, tree_sum
@@ -85,7 +85,7 @@ class UnscentedTransform:
         noise = spaced(suite.noise_covariance, belief.covariance.ndim)
         innovation_covariance = self._moment(deviations, shift) + noise
 
-        right = np.empty((suite.size, n + 1, *belief.mean.shape[1:]))
+        right = blank(belief.mean, (suite.size, n + 1, *belief.mean.shape[1:]))
         cross, innovation = right[:, :n], right[:, n]
         slopes = deviations[:n] - deviations[n:]
         np.multiply(tree_sum(slopes[:, :, None] * transpose(offsets)[:, None]), self._weight, out=cross)
@@ -112,7 +112,7 @@ class UnscentedTransform:
 def sigma_points(mean: Array, offsets: Array) -> Array:
     """Sigma points ``(n, 2n + 1, …, N)``, the centre first."""
     n, *middle = mean.shape
-    points = np.empty((n, 2 * n + 1, *middle))
+    points = blank(mean, (n, 2 * n + 1, *middle))
     centre = mean[:, None]
     points[:, :1] = centre
     np.add(centre, offsets, out=points[:, 1 : n + 1])

@@ -1,0 +1,70 @@
+"""What can be flown of a scenario as straight-line code: its stages, traced once and kept."""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from passloc_env.compiled.graph import TraceError
+from passloc_env.compiled.rows import Rows
+from passloc_env.compiled.stage import STAGES, Slot, Stage, is_symmetric, live_arrays, trace
+
+_TAXI = 3
+"""Decisions flown before the example is taken: by then everything is as it usually is."""
+
+
+class Plan:
+    """The traced stages of a scenario.
+
+    Attributes:
+        stages: by name.
+        mirrored: slots of symmetric arrays above their diagonal, each with the slot that it repeats.
+    """
+
+    def __init__(self, simulation: Any) -> None:
+        self.stages: dict[str, Stage] = {name: trace(simulation, name) for name in STAGES}
+        if any(self.stages[name].guard is not None for name in STAGES if name != "sense"):
+            raise TraceError("only a sensor step may depend on what happens")
+        self.mirrored = self._mirrored(simulation)
+
+    def _mirrored(self, simulation: Any) -> dict[Slot, Slot]:
+        pairs: dict[Slot, Slot] = {}
+        outputs = self.stages["sense"].outputs
+        for name, array in live_arrays(simulation).items():
+            if not is_symmetric(name):
+                continue
+            places = np.arange(array[..., 0].size).reshape(array.shape[:-1])
+            for row in range(len(places)):
+                for column in range(row):
+                    below, above = places[row, column].ravel(), places[column, row].ravel()
+                    pairs |= {(name, int(a)): (name, int(b)) for a, b in zip(above, below, strict=True)}
+        for above, below in pairs.items():
+            if outputs.get(above) is not outputs.get(below):
+                raise TraceError(f"{above[0]} does not stay symmetric")
+        return pairs
+
+    @cached_property
+    def rows(self) -> dict[str, Rows]:
+        """Every stage as code for many environments."""
+        skipped = frozenset(self.mirrored)
+        return {name: Rows(stage, skipped) for name, stage in self.stages.items()}
+
+
+@lru_cache(maxsize=64)
+def plan_of(scenario: Any) -> Plan | None:
+    """The plan of a scenario, or None when its code is no straight-line arithmetic."""
+    from passloc_env.simulation import Simulation
+
+    simulation = Simulation(scenario.override({"episode.early_end": False}), 1, straight=False)
+    if simulation.models.volatile:
+        return None
+    simulation.reset(np.arange(1), [np.random.default_rng(0)])
+    for _ in range(min(_TAXI, scenario.episode.steps // scenario.episode.decision_every)):
+        simulation.step(np.full((scenario.action_size, 1), 0.5))
+    try:
+        with np.errstate(all="ignore"):
+            return Plan(simulation)
+    except TraceError:
+        return None

@@ -1,0 +1,153 @@
+"""A stage of the simulation, traced: the graph of one environment's arithmetic, with named inputs and outputs.
+
+Every stage is a method of :class:`~passloc_env.simulation.Simulation`. A copy of a small simulation, whose arrays are
+symbols, runs it once; what then stands in the arrays is what the stage computes.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from passloc_env.compiled.graph import Graph, Node, TraceError, Value
+from passloc_env.compiled.traced import Traced, symbols
+from passloc_env.noise import NavigationErrors, StepNoise
+
+Slot = tuple[str, int]
+"""One number of every environment: the name of an array, and which of its rows, counted in C order."""
+
+
+@dataclass
+class Stage:
+    """What one stage computes.
+
+    Attributes:
+        inputs: where its inputs are read.
+        outputs: where its results go, only those that differ from what was there.
+        guard: whether the graph stands for the code; None when it always does.
+        order: its operations.
+    """
+
+    inputs: dict[Slot, Node]
+    outputs: dict[Slot, Value]
+    guard: Value | None
+    order: list[Node]
+
+
+StageCode = Callable[[Any, dict[str, Any], StepNoise], dict[str, Traced] | None]
+"""Runs a stage on a simulation of symbols, given the arguments by name; returns results that are no state."""
+
+
+def decide(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> None:
+    """Take an action."""
+    simulation.decide(arguments["argument.action"], noise)
+
+
+def sense(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> dict[str, Traced] | None:
+    """One sensor step."""
+    simulation.sense(arguments["argument.time"], noise)
+    return None if simulation.detected is None else {"result.detected": simulation.detected}
+
+
+def conclude(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> None:
+    """Average the decision's reward and raise the flags."""
+    simulation.outcome = simulation.look(simulation.scene())
+    simulation.conclude()
+
+
+def observe(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> dict[str, Traced]:
+    """What the agent sees."""
+    belief = simulation.belief_at(arguments["argument.time"], noise)
+    return {"result.observation": simulation.realised.observation.observe(belief)}
+
+
+STAGES: dict[str, StageCode] = {"decide": decide, "sense": sense, "conclude": conclude, "observe": observe}
+
+
+def live_arrays(simulation: Any) -> dict[str, np.ndarray]:
+    """The state of a simulation by name, but for the noise of whole episodes."""
+    arrays: dict[str, np.ndarray] = simulation.state_arrays()
+    return {name: array for name, array in arrays.items() if not name.startswith("noise.")}
+
+
+def noise_arrays(noise: StepNoise) -> dict[str, np.ndarray]:
+    """The noise of a step by name."""
+    arrays = {"step.measurement": noise.measurement, "step.process": noise.process, "step.detection": noise.detection}
+    for platform, errors in enumerate(noise.navigation):
+        arrays[f"step.constant.{platform}"], arrays[f"step.fresh.{platform}"] = errors.constant, errors.fresh
+    return arrays
+
+
+def trace(simulation: Any, name: str) -> Stage:
+    """Trace a stage on the first environment of a simulation in flight.
+
+    Raises:
+        TraceError: its code is no straight-line arithmetic.
+    """
+    graph = Graph()
+    live, noise = live_arrays(simulation), simulation.noise_at()
+    arguments = {"argument.action": simulation.action, "argument.time": simulation.time}
+    examples = live | noise_arrays(noise) | arguments
+    known = {key: _tied(key, symbols(graph, array[..., 0])) for key, array in examples.items()}
+    before = {key: array.copy() for key, array in known.items()}
+    memo: dict[int, Any] = {id(array): known[key] for key, array in live.items()}
+    memo[id(simulation.noise)] = memo[id(simulation.watchers)] = None
+    memo |= {id(part): None for part in (simulation._outcome, simulation.flight) if part is not None}
+    twin = copy.deepcopy(simulation, memo)
+    navigation = [
+        NavigationErrors(known[f"step.constant.{platform}"], known[f"step.fresh.{platform}"])
+        for platform in range(len(noise.navigation))
+    ]
+    step = StepNoise(known["step.measurement"], known["step.process"], known["step.detection"], navigation)
+    try:
+        results = STAGES[name](twin, {key: known[key] for key in arguments}, step)
+    except TraceError:
+        raise
+    except Exception as error:
+        raise TraceError(f"{name}: {type(error).__name__}: {error}") from error
+    return _stage(graph, before, {key: known[key] for key in live}, results or {})
+
+
+def _tied(name: str, array: Traced) -> Traced:
+    """Covariances are symmetric to the last bit: one symbol stands for both halves."""
+    if is_symmetric(name):
+        for row in range(len(array)):
+            array[:row, row] = array[row, :row]
+    return array
+
+
+def is_symmetric(name: str) -> bool:
+    """Whether the first two axes of an array of the state may be exchanged."""
+    return "covariance" in name
+
+
+def _stage(graph: Graph, before: dict[str, Any], after: dict[str, Any], results: dict[str, Any]) -> Stage:
+    inputs = {slot: node for slot, node in _slots(before) if isinstance(node, Node)}
+    kept = {slot: id(node) for slot, node in inputs.items()}
+    outputs = {slot: value for slot, value in _slots(after) if kept[slot] != id(value)}
+    outputs |= dict(_slots(results))
+    guard = _all_of(graph)
+    order = graph.order([*outputs.values(), guard])
+    used = {id(operand) for node in order for operand in node.operands} | {id(value) for value in outputs.values()}
+    return Stage({slot: node for slot, node in inputs.items() if id(node) in used}, outputs, guard, order)
+
+
+def _slots(arrays: dict[str, Any]) -> list[tuple[Slot, Value]]:
+    return [
+        ((name, index), value)
+        for name, array in arrays.items()
+        for index, value in enumerate(array.view(np.ndarray).reshape(-1).tolist())
+    ]
+
+
+def _all_of(graph: Graph) -> Value | None:
+    """One truth value that is true where every guard comes out as expected."""
+    whole: Value | None = None
+    for node, expected in dict.fromkeys(graph.guards):
+        met = node if expected else graph.apply("logical_not", (node,))
+        whole = met if whole is None else graph.apply("logical_and", (whole, met))
+    return whole
