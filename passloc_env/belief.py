@@ -95,8 +95,8 @@ def line_of_sight_axes(direction: Array) -> Array:
     horizontal = np.stack([direction[1], -direction[0], zeros(direction, direction.shape[-1:])])
     length = np.sqrt(inner(horizontal, horizontal))
     overhead = length < 1e-9
-    horizontal[0, overhead], length[overhead] = 1.0, 1.0
-    across = horizontal / length
+    horizontal[0] = np.where(overhead, 1.0, horizontal[0])
+    across = horizontal / np.where(overhead, 1.0, length)
     return np.stack([direction, across, cross(across, direction)])
 
 
@@ -171,7 +171,8 @@ class BeliefFeatures(Component):
         features = np.concatenate(parts)
         np.minimum(features, OBSERVATION_LIMIT, out=features)
         np.maximum(features, -OBSERVATION_LIMIT, out=features)
-        return np.where(np.isnan(features), 0.0, features)
+        # What is not a number becomes zero, and every zero the same one.
+        return np.where(np.abs(features) > 0.0, features, 0.0)
 
     def _spread(self, belief: Belief, axes: Array, believed_range: Array) -> tuple[Array, Array]:
         """Log standard deviations ``(n, N)`` and correlations ``(n (n − 1) / 2, N)`` in the line-of-sight frame."""

@@ -114,7 +114,7 @@ def below_horizon(observer: Array, point: Array) -> BoolArray:
     start, line = observer * stretch, (point - observer) * stretch
     length = np.maximum(inner(line, line), 1e-300)
     share = -inner(start, line) / length
-    nearest = start + np.clip(share, 0.0, 1.0) * line
+    nearest = start + np.minimum(np.maximum(share, 0.0), 1.0) * line
     hidden: BoolArray = (share < 1.0) & (inner(nearest, nearest) < 1.0)
     return hidden
 

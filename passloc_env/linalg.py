@@ -93,17 +93,11 @@ def cholesky(matrix: Array, scale: float = 1.0) -> Factor:
     floors = _flat_diagonal(rest) * _PIVOT_FLOOR
     lower = zeros(rest, rest.shape)
     for j in range(n):
-        root = np.sqrt(np.maximum(rest[j, j], floors[j]))
-        column = np.divide(rest[j:, j], root, out=lower[j:, j])[1:]
+        np.sqrt(rest[j, j], out=lower[j, j])
         if j + 1 < n:
+            column = np.divide(rest[j + 1 :, j], lower[j, j], out=lower[j + 1 :, j])
             rest[j + 1 :, j + 1 :] -= column[:, None] * column
-    return Factor(lower, bool(np.logical_and.reduce(_sound_pivots(lower, floors), axis=None)))
-
-
-def _sound_pivots(lower: Array, floors: Array) -> BoolArray:
-    """Which pivots ``(n, …)`` stood above their floors; a pivot that did not left a small or negative quotient."""
-    pivots = _flat_diagonal(lower)
-    return pivots * np.abs(pivots) > 2.0 * floors
+    return Factor(lower, bool(np.logical_and.reduce(_flat_diagonal(rest) > floors, axis=None)))
 
 
 def cholesky_above(matrix: Array, floors: Array) -> Array:
@@ -131,8 +125,8 @@ def _flat_diagonal(matrix: Array) -> Array:
 def unsound(matrix: Array) -> BoolArray:
     """Which matrices of the batch ``(n, n, …, N)`` are not numerically positive definite, as a mask ``(…, N)``."""
     with np.errstate(all="ignore"):
-        floors = _PIVOT_FLOOR * diagonal(matrix)
-        return ~np.logical_and.reduce(_sound_pivots(cholesky(matrix).lower, floors), axis=0)
+        pivots = np.square(diagonal(cholesky(matrix).lower))
+        return ~np.logical_and.reduce(pivots > _PIVOT_FLOOR * diagonal(matrix), axis=0)
 
 
 def nearest_positive_definite(matrix: Array) -> Array:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passloc_env.angles import turned
-from passloc_env.arrays import Array, IntArray, Number, rows
+from passloc_env.arrays import Array, Number, rows
 from passloc_env.component import Component
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import abstract, quantity, vector

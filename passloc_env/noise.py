@@ -126,6 +126,22 @@ class EpisodeNoise:
             self.navigation(step, columns),
         )
 
+    def alone(self, step: int) -> list[float]:
+        """All that :meth:`at` says of the first environment, one after another; each platform's errors last."""
+        navigation: list[float] = []
+        first = last = 0
+        for kept, renewed in self._sizes.navigation:
+            if kept or renewed:
+                navigation += self._constant_errors[first : first + kept, 0].tolist()
+                navigation += self._fresh_errors[0, step, last : last + renewed].tolist()
+                first, last = first + kept, last + renewed
+        whole: list[float] = self._measurement[0, step].tolist()
+        if self._sizes.process:
+            whole += self._process[0, max(step - 1, 0)].tolist()
+        if self._sizes.detection:
+            whole += self._detection[0, step].tolist()
+        return whole + navigation
+
     def measurement(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
         """Errors ``(m, k)`` of the measurement at step ``(N,)``, in some environments; uncorrelated, unit variance."""
         return self._taken(self._measurement, step, columns)

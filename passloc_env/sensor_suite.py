@@ -96,7 +96,7 @@ class SensorSuite:
         touched = any(mask.any() for mask in undefined)
         if uniforms is None and not touched and all(mask is None for mask in hidden):
             return None
-        heard = np.ones((self.size, scene.state.shape[-1]), bool)
+        heard = np.ones_like(scene.state, bool, shape=(self.size, scene.state.shape[-1]))
         for index, (sensor, rows) in enumerate(zip(self.sensors, self.rows, strict=True)):
             if uniforms is not None:
                 heard[rows] &= uniforms[index] < sensor.detection_probability

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from passloc_env.arrays import Array, BoolArray, IntArray
 from passloc_env.belief import Belief
 from passloc_env.compiled.flight import RowsFlight
-from passloc_env.compiled.plan import plan_of
+from passloc_env.compiled.prepare import plan_of
+from passloc_env.compiled.solo import SoloFlight
 from passloc_env.information import Information
 from passloc_env.models import ScenarioModels
 from passloc_env.noise import EpisodeNoise, NoiseSizes, StepNoise
@@ -42,11 +44,13 @@ class Simulation:
         breached: the same since the episode began.
         detected: which scalars ``(m, N)`` were measured in the last sensor step; None means all.
         watchers: called with the simulation after every sensor step.
+        straight: whether the methods that make up a step may be flown as straight-line code, with the same results;
+            False for those who replace some of them.
     """
 
     def __init__(self, scenario: Scenario, environments: int, straight: bool = True) -> None:
-        self.scenario, self.environments, self._straight = scenario, environments, straight
-        self.flight: RowsFlight | None = None
+        self.scenario, self.environments, self.straight = scenario, environments, straight
+        self.flight: RowsFlight | SoloFlight | None = None
         self._randomisation = Randomisation(scenario, environments)
         self.realised: Scenario = self._randomisation.realised
         self.models = self._build_models()
@@ -82,14 +86,18 @@ class Simulation:
                 self._advance()
             self.conclude()
 
-    def _prepared_flight(self) -> RowsFlight | None:
+    def _prepared_flight(self) -> RowsFlight | SoloFlight | None:
         """What flies in place of the methods below; None while somebody watches, or where nothing else can."""
-        if self._straight and self.flight is None:
-            plan = plan_of(self.scenario)
-            self._straight = plan is not None
+        if self.straight and self.flight is None:
+            plan = plan_of(self.scenario, Simulation)
+            self.straight = plan is not None
             if plan is not None:
-                self.flight = RowsFlight(plan, self)
-        return None if self.watchers else self.flight
+                self.flight = (SoloFlight if self.environments == 1 else RowsFlight)(plan, self)
+        return None if self.watchers or not self.straight else self.flight
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the flight: it is bound to these very arrays, and made anew where it is needed."""
+        return {**self.__dict__, "flight": None}
 
     def _advance(self) -> None:
         """One sensor step, and whoever watches it."""
@@ -259,7 +267,7 @@ class Simulation:
     def observe(self) -> Array:
         """The observation features ``(f, N)``; a new array."""
         with np.errstate(all="ignore"):
-            if self.flight is not None:
+            if self.straight and self.flight is not None:
                 return self.flight.observe()
             return self.realised.observation.observe(self.belief)
 

@@ -1,9 +1,10 @@
 """Straight-line arithmetic: what a step of one environment computes, as a graph of scalar operations.
 
-A :class:`Graph` is filled by running the very code of the simulation on symbols (:mod:`passloc_env.compiled.traced`), so
-there is no second copy of any formula. Every operation knows its value in the example that it was traced with: where
-the code asks for a truth value, the answer of the example is taken and kept as a *guard*, a condition under which the
-graph stands for the code. What is computed twice is computed once; operations on constants are constants.
+A :class:`Graph` is filled by running the very code of the simulation on symbols
+(:mod:`passloc_env.compiled.traced`), so there is no second copy of any formula. Every operation knows its value in the
+example that it was traced with: where the code asks for a truth value, the answer of the example is taken and kept as
+a *guard*, a condition under which the graph stands for the code. What is computed twice is computed once; operations
+on constants are constants.
 """
 
 from __future__ import annotations
@@ -36,6 +37,11 @@ class Node:
     def logical(self) -> bool:
         """Whether it is a truth value."""
         return isinstance(self.value, bool)
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is a whole number: rows hold it as a float until it is put away."""
+        return isinstance(self.value, int) and not self.logical
 
     def __bool__(self) -> bool:
         self.graph.guards.append(Guard(self, bool(self.value)))

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from passloc_env.compiled.graph import TraceError
 from passloc_env.compiled.rows import Rows
+from passloc_env.compiled.scalars import Scalars
 from passloc_env.compiled.stage import STAGES, Slot, Stage, is_symmetric, live_arrays, trace
-
-_TAXI = 3
-"""Decisions flown before the example is taken: by then everything is as it usually is."""
 
 
 class Plan:
@@ -28,6 +26,7 @@ class Plan:
         if any(self.stages[name].guard is not None for name in STAGES if name != "sense"):
             raise TraceError("only a sensor step may depend on what happens")
         self.mirrored = self._mirrored(simulation)
+        self._scalars: dict[str, Scalars] | None = None
 
     def _mirrored(self, simulation: Any) -> dict[Slot, Slot]:
         pairs: dict[Slot, Slot] = {}
@@ -51,20 +50,8 @@ class Plan:
         skipped = frozenset(self.mirrored)
         return {name: Rows(stage, skipped) for name, stage in self.stages.items()}
 
-
-@lru_cache(maxsize=64)
-def plan_of(scenario: Any) -> Plan | None:
-    """The plan of a scenario, or None when its code is no straight-line arithmetic."""
-    from passloc_env.simulation import Simulation
-
-    simulation = Simulation(scenario.override({"episode.early_end": False}), 1, straight=False)
-    if simulation.models.volatile:
-        return None
-    simulation.reset(np.arange(1), [np.random.default_rng(0)])
-    for _ in range(min(_TAXI, scenario.episode.steps // scenario.episode.decision_every)):
-        simulation.step(np.full((scenario.action_size, 1), 0.5))
-    try:
-        with np.errstate(all="ignore"):
-            return Plan(simulation)
-    except TraceError:
-        return None
+    def scalars(self, places: dict[Slot, int]) -> dict[str, Scalars]:
+        """Every stage as code for one environment; ``places`` are the same for every simulation of the scenario."""
+        if self._scalars is None:
+            self._scalars = {name: Scalars(stage, places) for name, stage in self.stages.items()}
+        return self._scalars

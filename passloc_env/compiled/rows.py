@@ -91,8 +91,10 @@ class _Writer:
     def _write(self, stage: Stage, outputs: list[Slot]) -> None:
         rows: dict[int, str] = {}
         for index, slot in enumerate(outputs):
-            rows.setdefault(id(stage.outputs[slot]), f"o{index}")
-        held = set(rows) | {id(stage.guard)}
+            value = stage.outputs[slot]
+            if isinstance(value, Node) and not value.counts:
+                rows.setdefault(id(value), f"o{index}")
+        held = {id(stage.outputs[slot]) for slot in outputs} | {id(stage.guard)}
         for position, node in enumerate(stage.order):
             operands = [self._name(operand) for operand in node.operands]
             ending = {id(o): o for o in node.operands if isinstance(o, Node) and o.name != "input"}
@@ -108,7 +110,7 @@ class _Writer:
         for index, slot in enumerate(outputs):
             name = self._name(stage.outputs[slot])
             if name != f"o{index}":
-                self._lines.append(f"copyto(o{index}, {name})")
+                self._lines.append(f"copyto(o{index}, {name}, casting='unsafe')")
         self._guard = None if stage.guard is None else self._name(stage.guard)
 
     def _release(self, nodes: list[Node]) -> None:

@@ -52,10 +52,9 @@ class Scalars:
     Args:
         stage: what to compute.
         places: where each slot is in the list.
-        skipped: outputs that nobody reads.
     """
 
-    def __init__(self, stage: Stage, places: dict[Slot, int], skipped: frozenset[Slot] = frozenset()) -> None:
+    def __init__(self, stage: Stage, places: dict[Slot, int]) -> None:
         names: dict[int, str] = {}
         lines: list[str] = []
         for index, (slot, node) in enumerate(stage.inputs.items()):
@@ -77,9 +76,7 @@ class Scalars:
             lines.append(f"t{index} = {expression}")
         if stage.guard is not None:
             lines.append(f"if not {name(stage.guard)}: return False")
-        lines += [
-            f"values[{places[slot]}] = {name(value)}" for slot, value in stage.outputs.items() if slot not in skipped
-        ]
+        lines += [f"values[{places[slot]}] = {name(value)}" for slot, value in stage.outputs.items()]
         lines.append("return True")
         source = "def run(values):\n" + "".join(f"    {line}\n" for line in lines)
         scope: dict[str, Any] = {"sqrt": math.sqrt, "isfinite": math.isfinite, "copysign": math.copysign}

@@ -97,13 +97,13 @@ def trace(simulation: Any, name: str) -> Stage:
     memo: dict[int, Any] = {id(array): known[key] for key, array in live.items()}
     memo[id(simulation.noise)] = memo[id(simulation.watchers)] = None
     memo |= {id(part): None for part in (simulation._outcome, simulation.flight) if part is not None}
-    twin = copy.deepcopy(simulation, memo)
     navigation = [
         NavigationErrors(known[f"step.constant.{platform}"], known[f"step.fresh.{platform}"])
         for platform in range(len(noise.navigation))
     ]
     step = StepNoise(known["step.measurement"], known["step.process"], known["step.detection"], navigation)
     try:
+        twin = copy.deepcopy(simulation, memo)
         results = STAGES[name](twin, {key: known[key] for key in arguments}, step)
     except TraceError:
         raise

@@ -20,7 +20,7 @@ class Traced(np.ndarray):
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
         """Put the operation of a ufunc into the graph, element by element."""
         axis = options.pop("axis", 0)
-        options = {name: value for name, value in options.items() if name != "order" and value not in (None, False, bool)}
+        options = {name: value for name, value in options.items() if value not in _HARMLESS}
         if method == "reduce":
             result = _reduced(ufunc, inputs[0], axis)
         elif method == "__call__":
@@ -40,13 +40,18 @@ class Traced(np.ndarray):
         """NumPy's functions that move elements work as they are; ``where`` is an operation."""
         if func is np.where and len(args) == 3:
             return _traced(_elementwise("where", 3)(*map(_plain, args)))
-        if func in (np.empty_like, np.zeros_like):
-            filled = np.full(kwargs.get("shape", args[0].shape), 0.0, dtype=object)
-            return filled.view(Traced)
+        if func in _FILLED:
+            return np.full(kwargs.get("shape", args[0].shape), _FILLED[func], dtype=object).view(Traced)
         if func not in _MOVING:
             raise TraceError(f"numpy.{func.__name__}")
         return _traced(func(*_deep_plain(args), **{key: _deep_plain(value) for key, value in kwargs.items()}))
 
+
+_HARMLESS = (None, False, bool, "C", "K")
+"""Values of a ufunc's options that change no result."""
+
+_FILLED: dict[Callable[..., Any], float | bool] = {np.empty_like: 0.0, np.zeros_like: 0.0, np.ones_like: True}
+"""New arrays, and what stands in them; ones are made for masks only."""
 
 _MOVING = {
     np.concatenate,

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from passloc_env.arrays import Array, Number, zeros
 from passloc_env.fields import vector
 from passloc_env.platforms.platform import Platform, stack

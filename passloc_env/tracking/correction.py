@@ -79,9 +79,7 @@ def repair(belief: Gaussian) -> None:
 
 def _ignore_missing(right: Array, covariance: Array, detected: BoolArray) -> None:
     """Make undetected scalars carry no information: no innovation, no gain, unit variance of their own."""
-    missing = ~detected
-    right[np.broadcast_to(missing[:, None], right.shape)] = 0.0
-    covariance[np.broadcast_to(missing[:, None] | missing[None], covariance.shape)] = 0.0
+    right[...] = np.where(detected[:, None], right, 0.0)
+    covariance[...] = np.where(detected[:, None] & detected[None], covariance, 0.0)
     for row in range(len(covariance)):
-        own = covariance[row, row]
-        own[np.broadcast_to(missing[row], own.shape)] = 1.0
+        covariance[row, row] = np.where(detected[row], covariance[row, row], 1.0)

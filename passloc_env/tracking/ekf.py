@@ -12,8 +12,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from passloc_env.arrays import Array, BoolArray, blank
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import part

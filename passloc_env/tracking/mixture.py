@@ -134,5 +134,7 @@ class MixtureTrack(Track):
             "weights": self.weights,
             "member_means": self.members.mean,
             "member_covariances": self.members.covariance,
+            "member_nis": self.members.nis,
+            "member_repairs": self.members.repairs,
         }
         return super().state_arrays() | own

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, blank, zeros, IntArray
+from passloc_env.arrays import Array, BoolArray, IntArray, blank, zeros
 from passloc_env.linalg import cholesky, diagonal, mend, solve_lower, transpose, tree_sum
 from passloc_env.platforms import Pose
 from passloc_env.sightline import Scene

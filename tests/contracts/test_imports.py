@@ -27,6 +27,7 @@ ROOMS = [
     ["observability", "rewards", "belief"],
     ["scenario"],
     ["models", "scenarios"],
+    ["compiled"],
     ["simulation"],
     ["survey"],
     ["actions", "spaces", "batch", "vector_info"],

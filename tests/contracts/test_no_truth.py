@@ -25,6 +25,7 @@ def build(name, **overrides):
 def record(env, heard):
     """Keep every measurement that the environment makes."""
     (world,) = env.batch.tiles
+    world.straight = False
     measure = world.measure
 
     def listen(scene, *columns):
@@ -37,6 +38,7 @@ def record(env, heard):
 def replay(env, heard):
     """Let the environment hear what another one has heard."""
     (world,) = env.batch.tiles
+    world.straight = False
     remaining = iter(heard)
     world.measure = lambda scene, *columns: next(remaining)
 

@@ -156,6 +156,7 @@ def test_a_belief_that_went_non_finite_begins_anew(tracker, field, value):
 def test_a_member_that_went_non_finite_follows_the_likeliest(tracker):
     """A member broken in its prediction costs its belief and nothing else: no restart, and the others go on."""
     simulation = world(WORLDS["BearingDoppler"], tracker)
+    simulation.straight = False
     track, predict = simulation.track, simulation.track.predict
 
     def spoil(time: np.ndarray) -> None:

@@ -141,6 +141,7 @@ POSITION = Scenario(
 
 def watched(simulation: Simulation, look: Callable[[Array, list[Pose]], None]) -> None:
     """Tell ``look`` every measurement and pose before the tracker has them."""
+    simulation.straight = False
     update = simulation.track.update
 
     def tell(measurement: Array, poses: list[Pose], detected: Any = None) -> None:

@@ -1,0 +1,50 @@
+"""From a scenario to its plan, by way of a trial flight."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from passloc_env.compiled.flight import RowsFlight
+from passloc_env.compiled.graph import TraceError
+from passloc_env.compiled.plan import Plan
+from passloc_env.compiled.stage import live_arrays
+
+_TAXI = 3
+"""Decisions flown before the example is taken: by then everything is as it usually is."""
+
+
+@lru_cache(maxsize=64)
+def plan_of(scenario: Any, simulate: Callable[..., Any]) -> Plan | None:
+    """The plan of a scenario, or None when its code is no straight-line arithmetic; ``simulate`` makes a simulation."""
+    simulation = simulate(scenario.override({"episode.early_end": False}), 1, straight=False)
+    if simulation.models.volatile:
+        return None
+    simulation.reset(np.arange(1), [np.random.default_rng(0)])
+    for _ in range(min(_TAXI, scenario.episode.steps // scenario.episode.decision_every)):
+        simulation.step(np.full((scenario.action_size, 1), 0.5))
+    try:
+        with np.errstate(all="ignore"):
+            plan = Plan(simulation)
+            return plan if _does_the_same(plan, simulation) else None
+    except TraceError:
+        return None
+
+
+def _does_the_same(plan: Plan, simulation: Any) -> bool:
+    """Whether a decision flown by the plan is the one that the simulation takes by its own methods.
+
+    It is not where a component keeps a memory, or draws numbers, of its own.
+    """
+    twin = copy.deepcopy(simulation)
+    action = np.full(simulation.action.shape, -0.25)
+    flight = RowsFlight(plan, twin)
+    flight.step(action)
+    simulation.step(action)
+    theirs = live_arrays(twin)
+    same = all(np.array_equal(array, theirs[name], equal_nan=True) for name, array in live_arrays(simulation).items())
+    return same and np.array_equal(flight.observe(), simulation.observe())

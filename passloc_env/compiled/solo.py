@@ -1,0 +1,109 @@
+"""Flying one environment by its plan, on Python floats: NumPy's calls would cost more than their work."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from passloc_env.compiled.plan import Plan
+from passloc_env.compiled.stage import Slot, live_arrays, noise_arrays
+
+_UNDEFINED = (ZeroDivisionError, ValueError, OverflowError)
+"""What Python raises where NumPy says NaN or infinity."""
+
+
+class SoloFlight:
+    """One environment flown on floats; :attr:`repeated` counts the sensor steps done again."""
+
+    def __init__(self, plan: Plan, simulation: Any) -> None:
+        self._simulation, self.repeated = simulation, 0
+        self._values: list[Any] = []
+        self._places: dict[Slot, int] = {}
+        written = {name for stage in plan.stages.values() for name, _ in stage.outputs}
+        live = live_arrays(simulation)
+        parts = {name: (array.reshape(-1), self._add(name, array)) for name, array in live.items()}
+        self._loads = [part for part in parts.values() if part[0].size]
+        self._stores = [parts[name] for name in live if name in written]
+        first = len(self._values)
+        for name, array in noise_arrays(simulation.noise_at()).items():
+            self._add(name, array)
+        self._noise = slice(first, len(self._values))
+        self._action = self._add("argument.action", simulation.action)
+        self._time = self._add("argument.time", simulation.time).start
+        for stage in plan.stages.values():
+            for slot in stage.outputs:
+                if slot not in self._places:
+                    self._places[slot] = len(self._values)
+                    self._values.append(0.0)
+        self._results = {
+            name: [place for (owner, _), place in self._places.items() if owner == name]
+            for name in ("result.observation", "result.detected")
+        }
+        self._clock = self._places["simulation.step_count", 0]
+        run = {name: code.run for name, code in plan.scalars(self._places).items()}
+        self._decide, self._sense, self._conclude, self._observe = (
+            run[name] for name in ("decide", "sense", "conclude", "observe")
+        )
+
+    def _add(self, name: str, array: np.ndarray) -> slice:
+        first = len(self._values)
+        self._values += array.reshape(-1).tolist()
+        self._places |= {(name, index): first + index for index in range(array.size)}
+        return slice(first, len(self._values))
+
+    def step(self, action: np.ndarray) -> None:
+        """One decision."""
+        simulation, values = self._simulation, self._values
+        episode = simulation.scenario.episode
+        self._load()
+        values[self._action] = action[:, 0].tolist()
+        count = values[self._clock]
+        values[self._noise] = simulation.noise.alone(min(count, episode.steps))
+        self._decide(values)
+        for _ in range(episode.decision_every):
+            values[self._time] = count * episode.period
+            count += 1
+            values[self._clock] = count
+            values[self._noise] = simulation.noise.alone(min(count, episode.steps))
+            try:
+                done = self._sense(values)
+            except _UNDEFINED:
+                done = False
+            if not done:
+                self._repeat()
+        self._conclude(values)
+        self._store()
+        detected = [values[place] for place in self._results["result.detected"]]
+        simulation.detected = np.array(detected)[:, None] if detected else None
+
+    def observe(self) -> np.ndarray:
+        """The observation features ``(f, 1)``; a new array."""
+        values, episode = self._values, self._simulation.scenario.episode
+        self._load()
+        count = values[self._clock]
+        values[self._time] = count * episode.period
+        values[self._noise] = self._simulation.noise.alone(min(count, episode.steps))
+        try:
+            self._observe(values)
+        except _UNDEFINED:
+            belief = self._simulation.belief
+            features: np.ndarray = self._simulation.realised.observation.observe(belief)
+            return features
+        return np.array([[values[place]] for place in self._results["result.observation"]])
+
+    def _repeat(self) -> None:
+        """Do the last sensor step by the simulation's own methods."""
+        self.repeated += 1
+        self._store()
+        self._simulation.sense(np.array([self._values[self._time]]), self._simulation.noise_at())
+        self._load()
+
+    def _load(self) -> None:
+        for flat, place in self._loads:
+            self._values[place] = flat.tolist()
+
+    def _store(self) -> None:
+        for flat, place in self._stores:
+            flat[:] = self._values[place]
+        self._simulation.step_count[0] = self._values[self._clock]
