@@ -16,16 +16,10 @@ import numpy as np
 from passloc_env.arrays import Array, BoolArray, IntArray
 from passloc_env.dynamics import Dynamics
 from passloc_env.linalg import (
-    cholesky_above,
     diagonal,
     inner,
-    log_determinant,
-    matmul,
     matvec,
     mend,
-    row_gram,
-    solve_lower,
-    transpose,
 )
 from passloc_env.sensor_suite import SensorSuite
 
@@ -69,17 +63,22 @@ class Information:
             self.covariance[:, :, 0] += self.dynamics.process_noise
 
     def absorb(self, jacobian: Array, suite: SensorSuite, detected: BoolArray | None = None) -> None:
-        """Add ``Hᵀ R⁻¹ H`` of a measurement with Jacobian ``H (m, n, N)``; undetected rows add nothing."""
+        """Add ``Hᵀ R⁻¹ H`` of a measurement with Jacobian ``H (m, n, N)``; undetected rows add nothing.
+
+        One scalar after the other, for the whitened ones are independent: with ``s = C h`` and ``v = 1 + hᵀ C h``,
+        ``C ← C − s sᵀ/v``, and the Gram gain is the sum of ``ln v``.
+        """
         if detected is not None:
             jacobian = jacobian * detected[:, None]
-        rows = jacobian[:, :, None]
-        spread = matmul(rows, self.covariance)
-        predicted = matmul(spread, transpose(rows))
-        predicted += suite.noise_covariance[:, :, None]
-        lower = cholesky_above(predicted, suite.noise_pivots[:, None])
+        gains = []
+        for row in suite.whitened(jacobian)[:, :, None]:
+            shared = matvec(self.covariance, row)
+            variance = 1.0 + np.maximum(inner(row, shared), 0.0)
+            shared /= np.sqrt(variance)
+            self.covariance -= shared[:, None] * shared
+            gains.append(np.log(variance[-1]))
         if self._gram:
-            np.subtract(log_determinant(lower)[-1], suite.noise_log_determinant, out=self.gram_gain)
-        self.covariance -= row_gram(transpose(solve_lower(lower, spread)))
+            self.gram_gain[...] = sum(gains)
         if not np.logical_and.reduce(diagonal(self.covariance) > 0.0, axis=None):
             self._repair()
 

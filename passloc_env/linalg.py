@@ -88,16 +88,22 @@ def cholesky(matrix: Array, scale: float = 1.0) -> Factor:
     Where a pivot is not above 1e-14 of its diagonal entry, ``sound`` is False and the factor of that matrix is
     meaningless; :func:`nearest_positive_definite` then tells what to factor instead.
     """
+    lower, sound = _factor(matrix, scale)
+    return Factor(lower, bool(np.logical_and.reduce(sound, axis=None)))
+
+
+def _factor(matrix: Array, scale: float = 1.0) -> tuple[Array, BoolArray]:
+    """The lower factor, and which pivots ``(n, …)`` stood above their floors."""
     n = len(matrix)
     rest = np.multiply(matrix, scale, order="C")
     floors = _flat_diagonal(rest) * _PIVOT_FLOOR
     lower = zeros(rest, rest.shape)
     for j in range(n):
-        np.sqrt(rest[j, j], out=lower[j, j])
+        np.sqrt(np.maximum(rest[j, j], floors[j]), out=lower[j, j])
         if j + 1 < n:
             column = np.divide(rest[j + 1 :, j], lower[j, j], out=lower[j + 1 :, j])
             rest[j + 1 :, j + 1 :] -= column[:, None] * column
-    return Factor(lower, bool(np.logical_and.reduce(_flat_diagonal(rest) > floors, axis=None)))
+    return lower, _flat_diagonal(rest) > floors
 
 
 def cholesky_above(matrix: Array, floors: Array) -> Array:
@@ -125,8 +131,7 @@ def _flat_diagonal(matrix: Array) -> Array:
 def unsound(matrix: Array) -> BoolArray:
     """Which matrices of the batch ``(n, n, …, N)`` are not numerically positive definite, as a mask ``(…, N)``."""
     with np.errstate(all="ignore"):
-        pivots = np.square(diagonal(cholesky(matrix).lower))
-        return ~np.logical_and.reduce(pivots > _PIVOT_FLOOR * diagonal(matrix), axis=0)
+        return ~np.logical_and.reduce(_factor(matrix)[1], axis=0)
 
 
 def nearest_positive_definite(matrix: Array) -> Array:
@@ -141,7 +146,7 @@ def nearest_positive_definite(matrix: Array) -> Array:
     floor = 1e-10 * np.maximum(values[:, -1:], 1.0)
     repaired = (vectors * np.maximum(values, floor)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
     repaired = 0.5 * (repaired + np.swapaxes(repaired, 1, 2))
-    result: Array = np.moveaxis(repaired, 0, -1) * scale[:, None] * scale[None]
+    result: Array = np.moveaxis(repaired, 0, -1) * (scale[:, None] * scale[None])
     return result
 
 
@@ -244,7 +249,9 @@ class LinearMap:
         stripe = matrices[lead]
         stripe += entries * matrices[column]
         block = stripe[:, lead] + stripe[:, column] * transpose(entries)
-        stripe[:, lead] = 0.5 * (block + transpose(block))
+        for row in range(1, len(block)):
+            block[:row, row] = block[row, :row]
+        stripe[:, lead] = block
         matrices[lead.stop :, lead] = transpose(stripe[:, lead.stop :])
 
     def _add_runs(self, vectors: Array, result: Array) -> None:

@@ -8,7 +8,7 @@ from passloc_env.angles import wrap_in_place
 from passloc_env.arrays import Array, BoolArray, blank
 from passloc_env.distributions import Distribution
 from passloc_env.errors import ScenarioError
-from passloc_env.linalg import LinearMap, cholesky, diagonal, log_determinant
+from passloc_env.linalg import LinearMap, cholesky, diagonal, solve_lower
 from passloc_env.nuisance import Nuisance, distinct
 from passloc_env.sensors import Sensor
 from passloc_env.sightline import Scene
@@ -21,7 +21,6 @@ class SensorSuite:
         size: number of scalars ``m``.
         noise_covariance: ``R (m, m, 1|N)``.
         noise_pivots: squared diagonal of its Cholesky factor ``(m, 1|N)``.
-        noise_log_determinant: ``ln det R (1|N,)``.
     """
 
     def __init__(self, sensors: tuple[Sensor, ...], dense: bool = False) -> None:
@@ -34,7 +33,6 @@ class SensorSuite:
         self.noise_covariance = self._stack_noise()
         self._noise_root = root = cholesky(self.noise_covariance).lower
         self.noise_pivots = np.square(diagonal(root))
-        self.noise_log_determinant = log_determinant(root)
         self._disturb = LinearMap(root, dense=dense)
         self.may_miss = may_miss(sensors)
 
@@ -62,6 +60,10 @@ class SensorSuite:
     def noise(self, errors: Array) -> Array:
         """Measurement noise ``(m, N)`` from uncorrelated errors of unit variance ``(m, N)``."""
         return self._disturb(errors)
+
+    def whitened(self, rows: Array) -> Array:
+        """``R^{-1/2} H`` for rows ``H (m, n, …)``, of independent noise with unit variance; a new array."""
+        return solve_lower(self._noise_root, rows.copy())
 
     def noise_root(self, detected: BoolArray | None = None) -> Array:
         """The lower Cholesky factor of R ``(m, m, 1|N)``; undetected scalars are uncorrelated, with unit variance."""

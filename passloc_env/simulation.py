@@ -79,7 +79,6 @@ class Simulation:
         with np.errstate(all="ignore"):
             if flight is not None:
                 flight.step(action)
-                self._outcome = None
                 return
             self.decide(action, self.noise_at())
             for _ in range(self.scenario.episode.decision_every):
@@ -87,13 +86,13 @@ class Simulation:
             self.conclude()
 
     def _prepared_flight(self) -> RowsFlight | SoloFlight | None:
-        """What flies in place of the methods below; None while somebody watches, or where nothing else can."""
+        """What flies in place of the methods below; None where nothing else can."""
         if self.straight and self.flight is None:
             plan = plan_of(self.scenario, Simulation)
             self.straight = plan is not None
             if plan is not None:
                 self.flight = (SoloFlight if self.environments == 1 else RowsFlight)(plan, self)
-        return None if self.watchers or not self.straight else self.flight
+        return self.flight if self.straight else None
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the flight: it is bound to these very arrays, and made anew where it is needed."""
@@ -104,6 +103,10 @@ class Simulation:
         time = self.time
         self.step_count += 1
         self.sense(time, self.noise_at())
+        self.tell()
+
+    def tell(self) -> None:
+        """Call whoever watches."""
         for watch in self.watchers:
             watch(self)
 

@@ -26,7 +26,7 @@ class RowsFlight:
         here = _rows(live) | _rows(given)
         outputs = plan.rows["sense"].outputs
         results = _results(plan, simulation.environments)
-        self.detected = results.get("result.detected")
+        self._detected = results.get("result.detected")
         spare = {slot: np.empty_like(here[slot]) for slot in outputs if slot in here}
         there = {**here, **spare, **_rows(results)}
         here |= _rows(results)
@@ -62,16 +62,20 @@ class RowsFlight:
             np.multiply(simulation.step_count, simulation.scenario.episode.period, out=self._time)
             simulation.step_count += 1
             self._load_noise()
-            if self._sense[there]():
+            done = self._sense[there]()
+            if done:
                 there = not there
+                simulation.outcome, simulation.detected = None, self._detected
+            if done and not simulation.watchers:
                 continue
-            self.repeated += 1
             self._land(there)
             there = False
-            simulation.sense(self._time.copy(), simulation.noise_at())
+            if not done:
+                self.repeated += 1
+                simulation.sense(self._time.copy(), simulation.noise_at())
+            simulation.tell()
         self._land(there)
         self._conclude()
-        simulation.detected = self.detected
 
     def _load_noise(self) -> None:
         for key, array in noise_arrays(self._simulation.noise_at()).items():

@@ -70,12 +70,18 @@ class SoloFlight:
                 done = self._sense(values)
             except _UNDEFINED:
                 done = False
-            if not done:
-                self._repeat()
+            if not done or simulation.watchers:
+                self._store()
+                self._show()
+                if not done:
+                    self.repeated += 1
+                    simulation.sense(np.array([values[self._time]]), simulation.noise_at())
+                simulation.tell()
+                self._load()
         self._conclude(values)
         self._store()
-        detected = [values[place] for place in self._results["result.detected"]]
-        simulation.detected = np.array(detected)[:, None] if detected else None
+        if done:
+            self._show()
 
     def observe(self) -> np.ndarray:
         """The observation features ``(f, 1)``; a new array."""
@@ -92,12 +98,11 @@ class SoloFlight:
             return features
         return np.array([[values[place]] for place in self._results["result.observation"]])
 
-    def _repeat(self) -> None:
-        """Do the last sensor step by the simulation's own methods."""
-        self.repeated += 1
-        self._store()
-        self._simulation.sense(np.array([self._values[self._time]]), self._simulation.noise_at())
-        self._load()
+    def _show(self) -> None:
+        """Let the simulation tell what the last sensor step came to."""
+        detected = [self._values[place] for place in self._results["result.detected"]]
+        self._simulation.detected = np.array(detected)[:, None] if detected else None
+        self._simulation.outcome = None
 
     def _load(self) -> None:
         for flat, place in self._loads:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from passloc_env.arrays import Array, BoolArray
 from passloc_env.checks import require_count, require_exactly, require_shape
 from passloc_env.errors import InputError
-from passloc_env.linalg import cholesky, log_determinant, matmul, row_gram, solve_lower, transpose
+from passloc_env.linalg import cholesky, log_determinant, matmul, row_gram, transpose
 from passloc_env.sensor_suite import SensorSuite
 from passloc_env.sightline import Scene
 
@@ -27,7 +27,7 @@ def fisher_rows(suite: SensorSuite, scene: Scene, detected: BoolArray | None = N
     jacobian = suite.jacobian(scene)
     if detected is not None:
         jacobian *= detected[:, None]
-    return solve_lower(cholesky(suite.noise_covariance).lower, jacobian)
+    return suite.whitened(jacobian)
 
 
 def observability_matrix(rows: ArrayLike, transition: ArrayLike) -> Array:

@@ -87,6 +87,12 @@ class MixtureTrack(Track):
         self.members = Members.blank(models.layout.size, members, environments)
         self.weights: Array = np.full((members, environments), 1.0 / members)
 
+    def start(self, columns: IntArray, mean: Array, covariance: Array, origin: Array | None = None) -> None:
+        """Begin anew in the given environments; what the members believe is for others to say."""
+        super().start(columns, mean, covariance, origin)
+        self.members.nis[:, columns] = 0.0
+        self.members.repairs[:, columns] = 0
+
     @property
     def components(self) -> dict[str, Array]:
         """``weights (M, N)``, ``means (n, M, N)`` and ``covariances (n, n, M, N)`` of the members; live."""

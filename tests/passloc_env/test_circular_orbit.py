@@ -267,6 +267,7 @@ SATELLITES = Scenario(
 
 def watched(simulation: Simulation) -> list[np.ndarray | None]:
     """What was detected at each step from now on; the tracker gets the same."""
+    simulation.straight = False
     masks: list[np.ndarray | None] = []
     update = simulation.track.update
 
