@@ -7,7 +7,7 @@ the speed. What comes out is batch axis *first*, as Gymnasium wants it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -27,6 +27,26 @@ TILE = 4096
 np.empty(31 << 20, np.uint8)
 
 
+class Verdict(NamedTuple):
+    """What the last decision of every environment came to, ``(N,)`` each; new arrays."""
+
+    reward: Array
+    terminated: BoolArray
+    truncated: BoolArray
+
+
+class Round(NamedTuple):
+    """One call of the vector interface: what it hands out, ``(N, …)``.
+
+    ``last`` holds observations and info from before the resets of this very round; None where there were none.
+    """
+
+    observation: np.ndarray
+    verdict: Verdict
+    info: dict[str, Any]
+    last: tuple[np.ndarray, dict[str, Any]] | None
+
+
 class Batch:
     """Environments ``0 … size − 1`` of one scenario, each with a random generator of its own."""
 
@@ -41,6 +61,11 @@ class Batch:
         """Give one environment a new generator, or its first one when ``seed`` is None."""
         if seed is not None or self.generators[index] is None:
             self.generators[index] = seeding.np_random(seed)[0]
+
+    def seed_all(self, mask: BoolArray, seeds: list[int | None]) -> None:
+        """The same for every environment of a mask ``(N,)``."""
+        for index in np.flatnonzero(mask):
+            self.seed(int(index), seeds[index])
 
     def reset(self, mask: BoolArray) -> None:
         """Begin new episodes where ``mask (N,)``; every such environment has been seeded before."""
@@ -60,6 +85,29 @@ class Batch:
         parts = [pick(tile) for tile in self.tiles]
         joined = parts[0].copy() if len(parts) == 1 else np.concatenate(parts, axis=-1)
         return joined if joined.ndim == 1 else np.ascontiguousarray(np.moveaxis(joined, -1, 0))
+
+    def fly(self, actions: Array, resetting: BoolArray, same_step: bool, diagnostics: bool) -> Round:
+        """One decision, or a new episode where ``resetting (N,)``; with ``same_step`` also where one has just ended."""
+        if not resetting.all():
+            self.step(actions)
+        verdict = self.verdict()
+        if resetting.any():
+            self.reset(resetting)
+            for values in verdict:
+                values[resetting] = 0
+        ended, last = verdict.terminated | verdict.truncated, None
+        if same_step and ended.any():
+            last = self.observe(), self.info(diagnostics)
+            self.reset(ended)
+        return Round(self.observe(), verdict, self.info(diagnostics), last)
+
+    def verdict(self) -> Verdict:
+        """What the last decision came to."""
+        return Verdict(
+            self.gather(lambda tile: tile.reward),
+            self.gather(lambda tile: tile.terminated),
+            self.gather(lambda tile: tile.truncated),
+        )
 
     def observe(self) -> np.ndarray:
         """Observations ``(N, f)``, float32."""
@@ -84,21 +132,39 @@ class Batch:
     def belief(self) -> Belief:
         """What policies may know, of all environments."""
         beliefs = [tile.belief for tile in self.tiles]
-        return beliefs[0] if len(beliefs) == 1 else _join_beliefs(beliefs)
+        return beliefs[0] if len(beliefs) == 1 else join_beliefs(beliefs)
 
     def get_arrays(self) -> dict[str, np.ndarray]:
         """A copy of the state, batch axis last, by name."""
         tiles = [tile.state_arrays() for tile in self.tiles]
         return {name: np.concatenate([arrays[name] for arrays in tiles], axis=-1) for name in tiles[0]}
 
-    def set_arrays(self, arrays: dict[str, np.ndarray]) -> None:
-        """Put a state from :meth:`get_arrays` back; ValueError, with nothing changed, when it does not fit."""
+    def get_generators(self) -> list[Any]:
+        """The state of every environment's generator; None where there is none yet."""
+        return [None if generator is None else generator.bit_generator.state for generator in self.generators]
+
+    def set_generators(self, states: list[Any]) -> None:
+        """Put them back."""
+        self.generators = [None if state is None else _generator(state) for state in states]
+
+    def check_arrays(self, arrays: dict[str, np.ndarray]) -> None:
+        """ValueError when a state from :meth:`get_arrays` does not fit."""
         for name, live in self.get_arrays().items():
             if name not in arrays or arrays[name].shape != live.shape:
                 found = arrays[name].shape if name in arrays else "nothing"
                 raise ValueError(f"the state does not fit this environment: {name} is {found}, expected {live.shape}")
+
+    def set_arrays(self, arrays: dict[str, np.ndarray]) -> None:
+        """Put a state from :meth:`get_arrays` back; ValueError, with nothing changed, when it does not fit."""
+        self.check_arrays(arrays)
         for part, tile in zip(self.slices, self.tiles, strict=True):
             tile.restore({name: values[..., part] for name, values in arrays.items()})
+
+
+def _generator(state: Any) -> np.random.Generator:
+    bits = np.random.PCG64()
+    bits.state = state
+    return np.random.Generator(bits)
 
 
 _DIAGNOSTICS: dict[str, Callable[[Simulation], np.ndarray]] = {
@@ -113,7 +179,8 @@ _DIAGNOSTICS: dict[str, Callable[[Simulation], np.ndarray]] = {
 }
 
 
-def _join_beliefs(beliefs: list[Belief]) -> Belief:
+def join_beliefs(beliefs: list[Belief]) -> Belief:
+    """The belief of several batches put end to end."""
     first = beliefs[0]
 
     def together(name: str) -> Array:

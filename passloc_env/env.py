@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from passloc_env.actions import finite_actions
+from passloc_env.batch import Batch
 from passloc_env.belief import Belief
 from passloc_env.errors import NotResetError
 from passloc_env.scenario import Scenario
@@ -120,7 +121,7 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         self._batch_of_one.reset_mask(options)
         super().reset(seed=seed)
-        self._batch_of_one.batch.generators[0] = self.np_random
+        self._batch.generators[0] = self.np_random
         observation, info = self._batch_of_one.reset(options=options)
         return observation[0], _first(info)
 
@@ -146,6 +147,11 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """What policies may know; batch axis of length one. See :class:`~passloc_env.belief.Belief`."""
         return self._batch_of_one.belief
 
+    @property
+    def _batch(self) -> Batch:
+        assert isinstance(self._batch_of_one.batch, Batch)
+        return self._batch_of_one.batch
+
     def get_state(self) -> dict[str, Any]:
         """A snapshot from which :meth:`set_state` continues bit for bit."""
         return self._batch_of_one.get_state()
@@ -153,7 +159,7 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go back to a snapshot; ValueError when it is of another shape."""
         self._batch_of_one.set_state(state)
-        generator = self._batch_of_one.batch.generators[0]
+        generator = self._batch.generators[0]
         if generator is not None:
             self.np_random = generator
 

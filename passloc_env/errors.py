@@ -48,5 +48,9 @@ class ActionError(InputError):
     """An action that cannot be flown; nothing has changed when it is raised."""
 
 
+class WorkerError(RuntimeError):
+    """A process that held part of a batch is gone."""
+
+
 class NotResetError(RuntimeError):
     """A step was asked for before the first reset."""

@@ -28,6 +28,7 @@ def make_vec_env(
     seed: int | None = None,
     bootstrap_time_limit: bool = True,
     diagnostics: bool = False,
+    workers: int = 1,
 ) -> LocalisationVecEnv:
     """Many environments for Stable-Baselines3.
 
@@ -39,12 +40,18 @@ def make_vec_env(
         bootstrap_time_limit: whether the value of the last state counts when time runs out. The observation holds the
             time left, so an agent that is to use its time well is trained with False.
         diagnostics: put what only the world knows into the info of finished episodes.
+        workers: on how many processes to fly, at most; see :class:`~passloc_env.LocalisationVectorEnv`.
 
     Raises:
         ScenarioError: an unknown scenario or field, or an impossible value.
     """
     env = LocalisationVectorEnv(
-        n_envs, scenario, overrides=overrides, autoreset_mode=AutoresetMode.SAME_STEP, diagnostics=diagnostics
+        n_envs,
+        scenario,
+        overrides=overrides,
+        autoreset_mode=AutoresetMode.SAME_STEP,
+        diagnostics=diagnostics,
+        workers=workers,
     )
     adapter = LocalisationVecEnv(env, bootstrap_time_limit=bootstrap_time_limit)
     if seed is not None:

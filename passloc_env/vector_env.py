@@ -13,6 +13,7 @@ from passloc_env.actions import finite_actions
 from passloc_env.arrays import Array, BoolArray
 from passloc_env.batch import Batch
 from passloc_env.belief import Belief
+from passloc_env.crew import CrewBatch, build_batch
 from passloc_env.errors import NotResetError, unknown_name
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
@@ -39,10 +40,15 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ``options={"reset_mask": mask}``.
         diagnostics: put truth, estimate, covariance, NEES, relative range error, bound (σ_r in metres), range and
             repairs into ``info``.
+        workers: on how many processes to fly, at most; a batch too small for them to pay takes fewer. Results are the
+            same to the last bit. A script that asks for more than one must do its work under
+            ``if __name__ == "__main__":``, for the others import it. The worlds of a batch on several processes
+            cannot be watched, and the environment cannot be copied.
 
     Raises:
         ScenarioError: an unknown scenario or field, or an impossible value.
-        ValueError: a number of environments below one, or an unknown autoreset mode.
+        ValueError: a number of environments or workers below one, or an unknown autoreset mode.
+        WorkerError: from any method, when one of the processes has died.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -55,13 +61,15 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         overrides: Mapping[str, Any] | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         diagnostics: bool = False,
+        workers: int = 1,
     ) -> None:
-        if isinstance(num_envs, bool) or not isinstance(num_envs, (int, np.integer)) or num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs!r} is not possible: must be a whole number of at least 1")
+        for name, number in {"num_envs": num_envs, "workers": workers}.items():
+            if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
+                raise ValueError(f"{name} = {number!r} is not possible: must be a whole number of at least 1")
         self.scenario = find(scenario).override(overrides or {})
         self.num_envs, self.diagnostics = int(num_envs), diagnostics
         self.metadata = {**self.metadata, "autoreset_mode": _mode(autoreset_mode)}
-        self.batch = Batch(self.scenario, self.num_envs)
+        self.batch: Batch | CrewBatch = build_batch(self.scenario, self.num_envs, int(workers))
         self.single_observation_space = observation_space(self.scenario)
         self.single_action_space = action_space(self.scenario)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -96,8 +104,7 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         seeds = self._checked_seeds(seed)
         if seed is not None and _is_seed(seed):
             super().reset(seed=int(seed))  # type: ignore[arg-type]
-        for index in np.flatnonzero(mask):
-            self.batch.seed(int(index), seeds[index])
+        self.batch.seed_all(mask, seeds)
         self._begin(mask)
         return self.batch.observe(), masked(self.batch.info(self.diagnostics), mask)
 
@@ -113,47 +120,27 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 changed.
         """
         checked = self._checked_actions(actions)
-        resetting = self._resetting()
-        if not resetting.all():
-            self.batch.step(checked)
-        reward = self.batch.gather(lambda tile: tile.reward)
-        terminated = self.batch.gather(lambda tile: tile.terminated)
-        truncated = self.batch.gather(lambda tile: tile.truncated)
-        if resetting.any():
-            self._begin(resetting)
-            reward[resetting], terminated[resetting], truncated[resetting] = 0.0, False, False
+        next_step = self.autoreset_mode is AutoresetMode.NEXT_STEP
+        resetting = self._ended if next_step else np.zeros(self.num_envs, bool)
+        same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
+        observation, (reward, terminated, truncated), info, last = self.batch.fly(
+            checked, resetting, same_step, self.diagnostics
+        )
         self._ended = terminated | truncated
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
-            observation, info = self._same_step_reset()
-        else:
-            observation, info = self.batch.observe(), self.batch.info(self.diagnostics)
+        if last is not None:
+            info |= _finals(*last, self._ended)
         everywhere = np.ones(self.num_envs, bool)
         return observation, reward, terminated, truncated, masked(info, everywhere)
-
-    def _resetting(self) -> BoolArray:
-        """The environments that this step resets instead of flying."""
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            return self._ended.copy()
-        return np.zeros(self.num_envs, bool)
-
-    def _same_step_reset(self) -> tuple[np.ndarray, dict[str, Any]]:
-        """Reset what has just ended and hand over its last observation and info."""
-        ended = self._ended.copy()
-        last, final_info = self.batch.observe(), masked(self.batch.info(self.diagnostics), ended)
-        self._begin(ended)
-        self._ended = ended
-        final = np.full(self.num_envs, None, dtype=object)
-        for index in np.flatnonzero(ended):
-            final[index] = last[index]
-        info = self.batch.info(self.diagnostics)
-        info["final_obs"] = Partial(final, ended)
-        info["final_info"] = Partial(final_info, ended)
-        return self.batch.observe(), info
 
     def _begin(self, mask: BoolArray) -> None:
         self.batch.reset(mask)
         self._started |= mask
         self._ended[mask] = False
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Send the workers home."""
+        if isinstance(self.batch, CrewBatch):
+            self.batch.close()
 
     @property
     def belief(self) -> Belief:
@@ -162,10 +149,9 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def get_state(self) -> dict[str, Any]:
         """A snapshot of every environment and generator, from which :meth:`set_state` continues bit for bit."""
-        generators = [None if g is None else g.bit_generator.state for g in self.batch.generators]
         return {
             "arrays": self.batch.get_arrays(),
-            "generators": generators,
+            "generators": self.batch.get_generators(),
             "ended": self._ended.copy(),
             "started": self._started.copy(),
         }
@@ -178,8 +164,7 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if len(state["generators"]) != self.num_envs:
             raise ValueError(f"the state holds {len(state['generators'])} environments, expected {self.num_envs}")
         self.batch.set_arrays(state["arrays"])
-        for index, saved in enumerate(state["generators"]):
-            self.batch.generators[index] = None if saved is None else _generator(saved)
+        self.batch.set_generators(state["generators"])
         self._ended, self._started = state["ended"].copy(), state["started"].copy()
 
     def _checked_actions(self, actions: np.ndarray) -> Array:
@@ -226,6 +211,15 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return mask.copy()
 
 
+def _finals(observation: np.ndarray, info: dict[str, Any], ended: BoolArray) -> dict[str, Any]:
+    """The last observations and infos of the episodes that have just ended."""
+    final = np.full(len(ended), None, dtype=object)
+    for index in np.flatnonzero(ended):
+        final[index] = observation[index]
+    ended = ended.copy()
+    return {"final_obs": Partial(final, ended), "final_info": Partial(masked(info, ended), ended)}
+
+
 def _is_seed(seed: object) -> bool:
     return isinstance(seed, (int, np.integer)) and not isinstance(seed, bool) and bool(seed >= 0)
 
@@ -236,9 +230,3 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     except ValueError:
         known = [m.value for m in AutoresetMode]
         raise unknown_name("autoreset_mode", mode, known, "autoreset mode") from None
-
-
-def _generator(state: Any) -> np.random.Generator:
-    bits = np.random.PCG64()
-    bits.state = state
-    return np.random.Generator(bits)

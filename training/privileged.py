@@ -19,6 +19,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import MlpExtractor
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
+from passloc_env.batch import Batch
 from passloc_env.belief import OBSERVATION_LIMIT
 from passloc_env.models import state_layout
 from passloc_env.sb3 import LocalisationVecEnv
@@ -47,6 +48,8 @@ class WithTruth(VecEnvWrapper):
         env = venv.unwrapped
         if not isinstance(env, LocalisationVecEnv):
             raise TypeError(f"{type(env).__name__} cannot tell the truth")
+        if not isinstance(env.env.batch, Batch):
+            raise TypeError("the worlds of a batch with workers cannot tell the truth: build it with workers=1")
         self._batch = env.env.batch
         self._hidden = len(truth_names(self._batch.scenario))
         self.seen = cast(spaces.Box, venv.observation_space).shape[0]

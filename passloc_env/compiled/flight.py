@@ -36,7 +36,10 @@ class RowsFlight:
         scratch = plan.rows["sense"].scratch(simulation.environments)
         self._sense = (plan.rows["sense"](here, there, scratch), plan.rows["sense"](there, here, scratch))
         self._decide, self._conclude = (self._in_place(name, here) for name in ("decide", "conclude"))
-        self._here, self._observe = here, None
+        self._features = _results(plan, simulation.environments)["result.observation"]
+        observe = plan.rows["observe"]
+        told = _rows({"result.observation": self._features})
+        self._observe = observe(here, told, observe.scratch(simulation.environments))
 
     def _in_place(self, name: str, here: dict[Slot, np.ndarray]) -> Any:
         """A stage that writes where it reads."""
@@ -91,10 +94,6 @@ class RowsFlight:
 
     def observe(self) -> np.ndarray:
         """The observation features ``(f, N)``; a new array."""
-        if self._observe is None:
-            rows, environments = self._plan.rows["observe"], self._simulation.environments
-            self._features = _results(self._plan, environments)["result.observation"]
-            self._observe = rows(self._here, _rows({"result.observation": self._features}), rows.scratch(environments))
         np.multiply(self._simulation.step_count, self._simulation.scenario.episode.period, out=self._time)
         self._load_noise()
         self._observe()

@@ -31,6 +31,7 @@ ROOMS = [
     ["simulation"],
     ["survey"],
     ["actions", "spaces", "batch", "vector_info"],
+    ["crew"],
     ["vector_env"],
     ["env", "rendering", "sb3"],
     ["registration", "launcher"],
