@@ -22,7 +22,7 @@ from passloc_env.belief import Belief
 from passloc_env.errors import InputError
 from passloc_env.platforms import Platform, TurnLimitedPlatform
 
-_COLUMNS = 4096
+_COLUMNS = 8192
 """Candidates flown in one pass: more fall out of the processor's caches."""
 
 _SAMPLES_SEED = 20240229

@@ -273,5 +273,9 @@ class Bench:
     """Also the trackers alone, each beside FilterPy's filters."""
     learning: bool = True
     """Also PPO end to end."""
+    guard: bool = False
+    """Fail when a ratio is below the floor that it must keep."""
+    out: Path | None = None
+    """Also write a page with the tables and a figure into this folder."""
     json: Path | None = None
     """Also write the results here."""

@@ -19,6 +19,9 @@ class RowsFlight:
 
     def __init__(self, plan: Plan, simulation: Any) -> None:
         self._plan, self._simulation, self.repeated = plan, simulation, 0
+        self._noisy = {
+            name for name, stage in plan.stages.items() if any(owner.startswith("step.") for owner, _ in stage.inputs)
+        }
         live = live_arrays(simulation)
         self._noise = {key: np.array(array, order="C") for key, array in noise_arrays(simulation.noise_at()).items()}
         self._time, self._action = simulation.time, simulation.action.copy()
@@ -58,13 +61,13 @@ class RowsFlight:
         """One decision."""
         simulation = self._simulation
         self._action[...] = action
-        self._load_noise()
+        self._load_noise("decide")
         self._decide()
         there = False
         for _ in range(simulation.scenario.episode.decision_every):
             np.multiply(simulation.step_count, simulation.scenario.episode.period, out=self._time)
             simulation.step_count += 1
-            self._load_noise()
+            self._load_noise("sense")
             done = self._sense[there]()
             if done:
                 there = not there
@@ -80,7 +83,9 @@ class RowsFlight:
         self._land(there)
         self._conclude()
 
-    def _load_noise(self) -> None:
+    def _load_noise(self, stage: str) -> None:
+        if stage not in self._noisy:
+            return
         for key, array in noise_arrays(self._simulation.noise_at()).items():
             self._noise[key][...] = array
 
@@ -95,7 +100,7 @@ class RowsFlight:
     def observe(self) -> np.ndarray:
         """The observation features ``(f, N)``; a new array."""
         np.multiply(self._simulation.step_count, self._simulation.scenario.episode.period, out=self._time)
-        self._load_noise()
+        self._load_noise("observe")
         self._observe()
         return self._features.copy()
 

@@ -15,7 +15,9 @@ from passloc_env import SCENARIOS, Scenario
 from passloc_env.errors import InputError
 from training import benchmark
 from training.benchmark import Bench, harness, report
-from training.benchmark.report import Results, Spread, spread
+from training.benchmark.floors import FLOORS, shortfalls
+from training.benchmark.page import exponent, write_page
+from training.benchmark.report import Results, Row, Spread, Stepping, spread
 
 BEARING_DOPPLER = SCENARIOS["BearingDoppler"]
 TINY = Bench(sizes=(1, 3), rounds=2, seconds=0.001, trackers=False, learning=False)
@@ -101,7 +103,7 @@ def test_tables_print(results: Results) -> None:
     [
         (Bench(), "passloc bench"),
         (TINY, "passloc bench --sizes 1 3 --rounds 2 --seconds 0.001 --no-trackers --no-learning"),
-        (Bench(json=Path("x.json")), "passloc bench"),
+        (Bench(json=Path("x.json"), guard=True, out=Path("page")), "passloc bench"),
     ],
 )
 def test_command_repeats_the_measurement(arguments: Bench, command: str) -> None:
@@ -181,3 +183,45 @@ def test_the_machine_is_named() -> None:
     machine = report.this_machine()
     assert machine.processor
     assert re.fullmatch(r"\d+\.\d+\.\d+.*", machine.python)
+
+
+def stepped(rates: dict[int, float], ratio: float = 1.0) -> Stepping:
+    """What a benchmark would say of vector environments with these steps per second."""
+
+    def row(name: str, environments: int, rate: float) -> Row:
+        return Row(name, environments, *[Spread(rate, rate, rate)] * 2, *[Spread(ratio, ratio, ratio)] * 2, "")
+
+    vectors = [row("passloc, vector", size, rate) for size, rate in rates.items()]
+    return Stepping("BearingDoppler", 1, 0.1, [row("FilterPy environment", 1, 5e3), *vectors], [])
+
+
+def test_ratios_below_their_floors_are_told() -> None:
+    floor = FLOORS["passloc, vector", 256]
+    assert shortfalls(stepped({256: 1e5, 16: 1e5}, floor)) == []
+    (line,) = shortfalls(stepped({256: 1e5, 16: 1e5}, 0.5 * floor))
+    found = f"{0.5 * floor:g} times the FilterPy environment"
+    assert line == f"passloc, vector, N = 256: {found}, must be at least {floor:g}"
+
+
+def test_the_guard_fails_after_everything_is_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    slow = dataclasses.replace(benchmark.measure(TINY), stepping=stepped({256: 1e5}, 1.0))
+    monkeypatch.setattr(benchmark, "measure", lambda arguments, date: slow)
+    with pytest.raises(SystemExit, match="N = 256: 1 times"):
+        benchmark.run(Bench(guard=True, json=tmp_path / "all.json", out=tmp_path / "page"))
+    assert json.loads((tmp_path / "all.json").read_text())["stepping"]["scenario"] == "BearingDoppler"
+    assert (tmp_path / "page" / "README.md").exists()
+
+
+def test_the_growth_is_fitted_where_it_should_be_linear() -> None:
+    """Cost N^1.5 above 1024, whatever is below."""
+    rates = {16: 7.0, **{size: size**-0.5 for size in (1024, 2048, 16384)}}
+    assert exponent(stepped(rates)) == pytest.approx(1.5, abs=1e-12)
+    assert exponent(stepped({256: 1.0, 1024: 1.0})) is None
+
+
+def test_the_page_holds_tables_and_a_figure(results: Results, tmp_path: Path) -> None:
+    write_page(results, tmp_path)
+    text = (tmp_path / "README.md").read_text(encoding="utf-8")
+    assert results.command in text
+    assert "FilterPy environment" in text
+    assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")

@@ -34,6 +34,7 @@ def run(arguments: Bench, date: str | None = None) -> Results:
     Raises:
         InputError: a number that is not possible.
         FileNotFoundError: the folder of the JSON file does not exist; told before measuring.
+        SystemExit: with ``guard``, ratios below their floors, after all is shown and written.
     """
     path = None if arguments.json is None else free_path(arguments.json)
     results = measure(arguments, date)
@@ -43,6 +44,17 @@ def run(arguments: Bench, date: str | None = None) -> Results:
     show(results)
     if path is not None:
         path.write_text(results.to_json(), encoding="utf-8")
+    if arguments.out is not None:
+        from training.benchmark.page import write_page
+
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        write_page(results, arguments.out)
+    if arguments.guard:
+        from training.benchmark.floors import shortfalls
+
+        missed = shortfalls(results.stepping)
+        if missed:
+            raise SystemExit("\n".join(missed))
     return results
 
 
@@ -72,7 +84,7 @@ def command(arguments: Bench) -> str:
     words = ["passloc bench"]
     for field in dataclasses.fields(arguments):
         value = getattr(arguments, field.name)
-        if field.name == "json" or value == field.default:
+        if field.name in ("json", "out", "guard") or value == field.default:
             continue
         if isinstance(value, bool):
             words.append(f"--{'' if value else 'no-'}{field.name}")
