@@ -79,7 +79,7 @@ class Information:
             gains.append(np.log(variance[-1]))
         if self._gram:
             self.gram_gain[...] = sum(gains)
-        if not np.logical_and.reduce(diagonal(self.covariance) > 0.0, axis=None):
+        if not np.logical_and.reduce(np.minimum.reduce(diagonal(self.covariance)) > 0.0, axis=None):
             self._repair()
 
     def _repair(self) -> None:

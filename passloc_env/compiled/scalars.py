@@ -26,6 +26,7 @@ _EXPRESSIONS = {
     "sqrt": "sqrt({})",
     "maximum": "{0} if {0} >= {1} or {0} != {0} else {1}",
     "minimum": "{0} if {0} <= {1} or {0} != {0} else {1}",
+    "fmod": "fmod({}, {})",
     "rint": "copysign(round({0}), {0})",
     "less": "{} < {}",
     "less_equal": "{} <= {}",
@@ -79,7 +80,12 @@ class Scalars:
         lines += [f"values[{places[slot]}] = {name(value)}" for slot, value in stage.outputs.items()]
         lines.append("return True")
         source = "def run(values):\n" + "".join(f"    {line}\n" for line in lines)
-        scope: dict[str, Any] = {"sqrt": math.sqrt, "isfinite": math.isfinite, "copysign": math.copysign}
+        scope: dict[str, Any] = {
+            "sqrt": math.sqrt,
+            "isfinite": math.isfinite,
+            "copysign": math.copysign,
+            "fmod": math.fmod,
+        }
         scope |= {"inf": np.inf, "nan": np.nan} | {used: function(used) for used in foreign}
         exec(compile(source, f"<{len(stage.order)} operations on floats>", "exec"), scope)
         self.run: Callable[[list[Any]], bool] = scope["run"]
