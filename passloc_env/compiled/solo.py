@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -60,16 +61,15 @@ class SoloFlight:
         values[self._action] = action[:, 0].tolist()
         count = values[self._clock]
         values[self._noise] = simulation.noise.alone(min(count, episode.steps))
-        self._decide(values)
+        if not self._done(self._decide):
+            simulation.decide(action, simulation.noise_at())
+            self._load()
         for _ in range(episode.decision_every):
             values[self._time] = count * episode.period
             count += 1
             values[self._clock] = count
             values[self._noise] = simulation.noise.alone(min(count, episode.steps))
-            try:
-                done = self._sense(values)
-            except _UNDEFINED:
-                done = False
+            done = self._done(self._sense)
             if not done or simulation.watchers:
                 self._store()
                 self._show()
@@ -78,10 +78,12 @@ class SoloFlight:
                     simulation.sense(np.array([values[self._time]]), simulation.noise_at())
                 simulation.tell()
                 self._load()
-        self._conclude(values)
+        concluded = self._done(self._conclude)
         self._store()
         if done:
             self._show()
+        if not concluded:
+            simulation.conclude()
 
     def observe(self) -> np.ndarray:
         """The observation features ``(f, 1)``; a new array."""
@@ -90,13 +92,18 @@ class SoloFlight:
         count = values[self._clock]
         values[self._time] = count * episode.period
         values[self._noise] = self._simulation.noise.alone(min(count, episode.steps))
-        try:
-            self._observe(values)
-        except _UNDEFINED:
+        if not self._done(self._observe):
             belief = self._simulation.belief
             features: np.ndarray = self._simulation.realised.observation.observe(belief)
             return features
         return np.array([[values[place]] for place in self._results["result.observation"]])
+
+    def _done(self, run: Callable[[list[Any]], bool]) -> bool:
+        """Whether a stage could be run; nothing has changed where it could not."""
+        try:
+            return run(self._values)
+        except _UNDEFINED:
+            return False
 
     def _show(self) -> None:
         """Let the simulation tell what the last sensor step came to."""

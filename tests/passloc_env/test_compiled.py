@@ -13,10 +13,8 @@ from passloc_env.compiled.rows import Rows
 from passloc_env.compiled.scalars import _EXPRESSIONS, Scalars
 from passloc_env.compiled.stage import Stage
 from passloc_env.compiled.traced import symbols
-from passloc_env.motion import ConstantVelocity
 from passloc_env.sensors import Bearing
 from passloc_env.simulation import Simulation
-from passloc_env.target import Target
 
 BY_METHODS_ALONE = {"CrossFix"}
 """Its tracker keeps what was heard at places that depend on how many looks there were."""
@@ -70,7 +68,9 @@ def test_every_scenario_flies_as_its_methods_say(name: str, environments: int) -
 @pytest.mark.parametrize("environments", [1, 4])
 def test_any_number_of_sensor_steps_per_decision(decision_every: int, environments: int) -> None:
     scenario = DOPPLER.override({"episode.steps": 30, "episode.decision_every": decision_every})
-    fly(pair(scenario, environments), 30 // decision_every)
+    simulations = pair(scenario, environments)
+    fly(simulations, 30 // decision_every)
+    assert simulations[0].flight is not None
 
 
 @pytest.mark.parametrize("environments", [1, 4])
@@ -99,6 +99,17 @@ def test_what_is_out_of_the_ordinary_is_done_by_the_methods(environments: int) -
         simulation.platform_states[0][4:] = simulation.truth[2:] = 0.0
     fly(simulations, 1)
     assert flown.flight.repeated > 1
+
+
+@pytest.mark.parametrize("part", ["mean", "covariance"])
+@pytest.mark.parametrize("environments", [1, 4])
+def test_a_belief_that_is_no_number_raises_nothing(environments: int, part: str) -> None:
+    simulations = pair(DOPPLER, environments)
+    fly(simulations, 1)
+    for simulation in simulations:
+        getattr(simulation.track, part)[..., -1] = np.nan
+    fly(simulations, 2)
+    assert simulations[0].track.repairs[-1] > 0
 
 
 @pytest.mark.parametrize("environments", [1, 3])
@@ -173,10 +184,11 @@ def test_clones_fly_on_their_own() -> None:
     assert_same(twin, flown)
 
 
-def test_a_longer_motion_is_another_plan() -> None:
-    """Scenarios that differ in a number differ in what is flown."""
-    other = DOPPLER.replace(target=Target(start=DOPPLER.target.start, motion=ConstantVelocity()))
-    fly(pair(other, 2), 3)
+def test_scenarios_that_differ_in_a_number_differ_in_what_is_flown() -> None:
+    first, second = pair(DOPPLER, 2), pair(DOPPLER.override({"sensors.0.sigma": 0.02}), 2)
+    fly(first, 2)
+    fly(second, 2)
+    assert (first[0].track.mean != second[0].track.mean).any()
 
 
 AWKWARD = [0.0, -0.0, 1.0, -1.0, 0.5, 1.5, 2.5, -2.5, 3.7, 1e-310, 1e300, -1e300]
