@@ -19,12 +19,12 @@ from passloc_env.compiled.prepare import plan_of
 from passloc_env.compiled.solo import SoloFlight
 from passloc_env.information import Information
 from passloc_env.models import ScenarioModels
-from passloc_env.noise import EpisodeNoise, NoiseSizes, StepNoise
+from passloc_env.noise import EpisodeNoise, StepNoise
+from passloc_env.opening import first_truth, noise_sizes
 from passloc_env.platforms import Platform, Pose
 from passloc_env.randomisation import Randomisation, take
 from passloc_env.rewards import Outcome
 from passloc_env.scenario import Scenario
-from passloc_env.sensor_suite import may_miss
 from passloc_env.sightline import Scene, distance
 from passloc_env.tracking.initialisation import FirstLook, Prior
 
@@ -54,7 +54,7 @@ class Simulation:
         self._randomisation = Randomisation(scenario, environments)
         self.realised: Scenario = self._randomisation.realised
         self.models = self._build_models()
-        self.noise = EpisodeNoise(self._noise_sizes(), environments)
+        self.noise = EpisodeNoise(noise_sizes(scenario, self.models, self._randomisation.size), environments)
         self.track = self.realised.tracker.build(self.models.tracker, environments)
         self.information = Information(self.models.bound.dynamics, environments)
 
@@ -323,7 +323,7 @@ class Simulation:
         kept = columns if self.models.volatile else slice(None)
         platforms = [take(platform, evaluated) for platform in self.realised.platforms]
         prior: Prior = take(self.realised.prior, evaluated)
-        truth = self._first_truth(evaluated)
+        truth = first_truth(self.realised, self.models, evaluated, self.noise.nuisances[:, evaluated])
         states = [platform.start(len(evaluated)) + 0.0 for platform in platforms]
         poses = _poses(platforms, states)
         noise = self.noise_at(evaluated)
@@ -342,18 +342,6 @@ class Simulation:
         for index, state in enumerate(states):
             self.platform_states[index][:, columns] = state[:, kept]
             self._set_points[index][:, columns] = 0.0
-
-    def _first_truth(self, columns: IntArray) -> Array:
-        """The true state ``(n, k)`` at the beginning of the episodes of some environments."""
-        layout = self.models.truth.layout
-        truth = np.zeros((layout.size, len(columns)))
-        start = take(self.realised.target.start, columns).sample(len(columns))
-        given = min(len(start), layout.kinematic.stop)
-        truth[:given] = start[:given]
-        normals = self.noise.nuisances[:, columns]
-        for nuisance, normal in zip(self.models.truth_nuisances, normals, strict=True):
-            truth[layout.nuisance_row(nuisance.name)] = nuisance.sigma * normal
-        return truth
 
     def _restart_where_broken(self, measurement: Array, reported: list[Pose]) -> None:
         """A tracker that went non-finite begins anew from the prior; the restart is counted as a repair."""
@@ -391,19 +379,6 @@ class Simulation:
         if self.models.volatile:
             self.models = self._build_models()
             self.track.models, self.information.dynamics = self.models.tracker, self.models.bound.dynamics
-
-    def _noise_sizes(self) -> NoiseSizes:
-        return NoiseSizes(
-            uniforms=self._randomisation.size,
-            prior=self.scenario.prior.normals_needed(self.models.tracker.layout),
-            nuisances=len(self.models.truth_nuisances),
-            steps=self.scenario.episode.steps,
-            measurement=self.models.suite.size,
-            process=self.models.truth.dynamics.noise_size,
-            detection=len(self.scenario.sensors) if may_miss(self.scenario.sensors) else 0,
-            navigation=tuple((platform.constant_errors, platform.fresh_errors) for platform in self.scenario.platforms),
-            uniform=self.models.suite.uniform,
-        )
 
     def state_arrays(self) -> dict[str, np.ndarray]:
         """Every array that makes up the state of the batch, by name, batch axis last, live."""

@@ -27,7 +27,7 @@ ROOMS = [
     ["observability", "rewards", "belief"],
     ["scenario"],
     ["models", "scenarios"],
-    ["compiled"],
+    ["compiled", "opening"],
     ["simulation"],
     ["survey"],
     ["actions", "spaces", "batch", "vector_info"],
