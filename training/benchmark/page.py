@@ -21,8 +21,8 @@ def write_page(results: Results, folder: Path) -> None:
     growth = exponent(results.stepping)
     said = "" if growth is None else f" Above N = {_LINEAR_FROM} it grows as N to the power of {growth:.2f}."
     text = (
-        f"# Speed\n\nMade by `{results.command}`. Ratios are taken within a round, in which all candidates work in "
-        "turns in one process;\nfigures of another machine differ.\n\n"
+        f"# Speed\n\nMade by `{results.command}`.\nRatios are taken within a round, in which all candidates work in "
+        "turns in one process; figures of another machine differ.\n\n"
         f"```text\n{console.export_text().strip()}\n```\n\n"
         f"![Processor time of a sensor step against the number of environments](growth.png)\n\n"
         f"The cost of one sensor step of all environments together.{said}\n"
