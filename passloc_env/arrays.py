@@ -30,6 +30,17 @@ def zeros(like: Array, shape: tuple[int, ...]) -> Array:
     return np.zeros_like(like, shape=shape)
 
 
+def zeros_for(shape: tuple[int, ...], *values: Number) -> Array:
+    """Zeros that can hold these values, which may be plain numbers; see :func:`blank`."""
+    special = [value for value in values if isinstance(value, np.ndarray) and type(value) is not np.ndarray]
+    return zeros(special[0], shape) if special else np.zeros(shape)
+
+
+def numbers(quantity: Number) -> Array:
+    """A realised quantity as an array ``(1|N,)``."""
+    return np.atleast_1d(quantity if isinstance(quantity, np.ndarray) else np.asarray(quantity, float))
+
+
 def rows(first: Array, *others: Array) -> Array:
     """Equally shaped arrays as the rows of a new one; ``np.stack`` without its checks."""
     stacked = blank(first, (1 + len(others), *first.shape))

@@ -6,7 +6,7 @@ import copy
 
 import numpy as np
 
-from passloc_env.arrays import Array
+from passloc_env.arrays import Array, zeros_for
 from passloc_env.layout import StateLayout
 from passloc_env.linalg import LinearMap, matmul, matvec, row_gram, spaced
 from passloc_env.motion import LinearMotion, Motion
@@ -118,7 +118,7 @@ def _with_walks(gain: Array, layout: StateLayout, nuisances: tuple[Nuisance, ...
     for nuisance in nuisances:
         if isinstance(nuisance.walk, float) and nuisance.walk == 0.0:
             continue
-        column = np.zeros((layout.size, 1, np.size(nuisance.walk)))
+        column = zeros_for((layout.size, 1, np.size(nuisance.walk)), nuisance.walk)
         column[layout.nuisance_row(nuisance.name), 0] = nuisance.walk
         columns.append(column)
     batch = max(column.shape[-1] for column in columns)

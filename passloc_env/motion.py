@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passloc_env.angles import turned
-from passloc_env.arrays import Array, Number, rows
+from passloc_env.arrays import Array, Number, numbers, rows, zeros_for
 from passloc_env.component import Component
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import abstract, quantity, vector
@@ -79,7 +79,7 @@ def _taylor(layout: StateLayout, period: float) -> Array:
 def _drive(layout: StateLayout, columns: list[tuple[Number, ...]], size: int = 1) -> Array:
     """Noise gain whose columns repeat per axis: each tuple holds the gains of position, velocity, (acceleration)."""
     d = layout.dimension
-    gain = np.zeros((layout.size, len(columns) * d, size))
+    gain = zeros_for((layout.size, len(columns) * d, size), *(value for column in columns for value in column))
     for c, column in enumerate(columns):
         for derivative, value in enumerate(column):
             for axis in range(d):
@@ -132,7 +132,7 @@ class ConstantVelocity(LinearMotion):
         """``B u (n, 1|N)`` of the known acceleration."""
         if not self.known_acceleration:
             return None
-        push = np.zeros((layout.size, _batch_of(*self.known_acceleration)))
+        push = zeros_for((layout.size, _batch_of(*self.known_acceleration)), *self.known_acceleration)
         for axis, value in enumerate(self.known_acceleration):
             push[axis] = 0.5 * period * period * value
             push[layout.dimension + axis] = period * value
@@ -219,7 +219,7 @@ class CoordinatedTurn(LinearMotion):
     def transition(self, layout: StateLayout, period: float) -> Array:
         """``F (n, n, 1|N)``."""
         d = layout.dimension
-        along, across, cosine, sine = _turn_coefficients(np.atleast_1d(np.asarray(self.turn_rate, float)), period)
+        along, across, cosine, sine = _turn_coefficients(numbers(self.turn_rate), period)
         matrix = np.repeat(_taylor(layout, period), len(along), axis=-1)
         matrix[0, d], matrix[0, d + 1] = along, across
         matrix[1, d], matrix[1, d + 1] = -across, along

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from passloc_env.angles import wrap_in_place
-from passloc_env.arrays import Array, BoolArray, blank
+from passloc_env.arrays import Array, BoolArray, blank, zeros_for
 from passloc_env.distributions import Distribution
 from passloc_env.errors import ScenarioError
 from passloc_env.linalg import LinearMap, cholesky, diagonal, solve_lower
@@ -38,7 +38,7 @@ class SensorSuite:
 
     def _stack_noise(self) -> Array:
         blocks = [sensor.noise_covariance() for sensor in self.sensors]
-        stacked = np.zeros((self.size, self.size, max(block.shape[-1] for block in blocks)))
+        stacked = zeros_for((self.size, self.size, max(block.shape[-1] for block in blocks)), *blocks)
         for rows, block in zip(self.rows, blocks, strict=True):
             stacked[rows, rows] = block
         return stacked

@@ -307,7 +307,7 @@ class Simulation:
         for column, generator in zip(columns, generators, strict=True):
             self.noise.draw(int(column), generator)
         self._randomisation.sample(columns, self.noise.uniforms[:, columns])
-        self._rebuild_models()
+        self.rebuild_models()
         for values in (self.step_count, self.reward, self.violated, self.breached, self.lost):
             values[columns] = 0
         for total in self.reward_terms.values():
@@ -374,7 +374,7 @@ class Simulation:
     def _build_models(self) -> ScenarioModels:
         return ScenarioModels(self.realised, self._randomisation.random)
 
-    def _rebuild_models(self) -> None:
+    def rebuild_models(self) -> None:
         """Let matrices follow the numbers in force."""
         if self.models.volatile:
             self.models = self._build_models()
@@ -409,7 +409,7 @@ class Simulation:
         """Put back columns of the state saved from :meth:`state_arrays`; models follow the restored numbers."""
         for name, live in self.state_arrays().items():
             live[..., columns] = arrays[name][..., columns]
-        self._rebuild_models()
+        self.rebuild_models()
         self.outcome = self.look(self.scene())
 
 

@@ -22,8 +22,6 @@ _TAXI = 3
 def plan_of(scenario: Any, simulate: Callable[..., Any]) -> Plan | None:
     """The plan of a scenario, or None when its code is no straight-line arithmetic; ``simulate`` makes a simulation."""
     simulation = simulate(scenario.override({"episode.early_end": False}), 1, straight=False)
-    if simulation.models.volatile:
-        return None
     simulation.reset(np.arange(1), [np.random.default_rng(0)])
     for _ in range(min(_TAXI, scenario.episode.steps // scenario.episode.decision_every)):
         simulation.step(np.full((scenario.action_size, 1), 0.5))

@@ -48,7 +48,8 @@ def decide(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> None
 
 
 def sense(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> dict[str, Traced] | None:
-    """One sensor step."""
+    """One sensor step, with the matrices that the numbers of the episode make."""
+    simulation.rebuild_models()
     simulation.sense(arguments["argument.time"], noise)
     return None if simulation.detected is None else {"result.detected": simulation.detected}
 

@@ -64,6 +64,8 @@ _MOVING = {
     np.diagonal,
     np.shape,
     np.atleast_1d,
+    np.ascontiguousarray,
+    np.size,
 }
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from passloc_env.angles import direction
-from passloc_env.arrays import Array, BoolArray, Number, rows, zeros
+from passloc_env.arrays import Array, BoolArray, Number, numbers, rows, zeros
 from passloc_env.lazy import lazy
 
 
@@ -62,7 +62,7 @@ class Pose:
         """
         if not lever_arm:
             return self
-        arms = [np.asarray(arm, float) for arm in lever_arm]
+        arms = [numbers(arm) for arm in lever_arm]
         attitude, rate = self.attitude, self.attitude_rate
         position, velocity, acceleration = self.position + 0.0, self.velocity + 0.0, self.acceleration + 0.0
         for axis, arm in enumerate(arms):

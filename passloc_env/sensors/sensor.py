@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, Number
+from passloc_env.arrays import Array, BoolArray, Number, numbers
 from passloc_env.component import Component
 from passloc_env.fields import abstract
 from passloc_env.nuisance import Nuisance
@@ -76,5 +76,5 @@ class Sensor(Component):
 
 def scalar_covariance(sigma: Number) -> Array:
     """``σ²`` as ``(1, 1, 1|N)``."""
-    variance: Array = np.square(np.atleast_1d(np.asarray(sigma, float)))
+    variance: Array = np.square(numbers(sigma))
     return variance[None, None]

@@ -81,6 +81,31 @@ def test_missed_detections(environments: int) -> None:
     assert simulations[0].flight is not None
 
 
+RANDOM = {"type": "Uniform", "low": 0.01, "high": 0.1}
+"""Numbers that the matrices of tracker, bound and noise are made of, drawn anew at every reset."""
+
+
+@pytest.mark.parametrize("environments", [1, 4])
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        ("BearingsOnly", ["sensors.Bearing.sigma"]),
+        ("BearingDoppler", ["sensors.Bearing.sigma", "sensors.Doppler.sigma"]),
+        ("BearingDopplerUnknownCarrier", ["sensors.Doppler.carrier_walk"]),
+        ("BearingDoppler", ["tracker.motion.acceleration_noise", "bound.motion.acceleration_noise"]),
+    ],
+)
+def test_matrices_of_random_numbers(name: str, fields: list[str], environments: int) -> None:
+    scenario = SCENARIOS[name].override({"episode.early_end": False, **dict.fromkeys(fields, RANDOM)})
+    simulations = pair(scenario, environments)
+    fly(simulations, 2)
+    assert simulations[0].models.volatile
+    assert simulations[0].flight is not None
+    for simulation in simulations:
+        simulation.reset(np.arange(1), [np.random.default_rng(99)])
+    fly(simulations, 2)
+
+
 @pytest.mark.parametrize("environments", [1, 4])
 def test_what_is_out_of_the_ordinary_is_done_by_the_methods(environments: int) -> None:
     """A covariance that is none, and an emitter on top of the observer: repaired and unheard as ever."""
