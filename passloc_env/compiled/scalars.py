@@ -56,25 +56,23 @@ class Scalars:
     """
 
     def __init__(self, stage: Stage, places: dict[Slot, int]) -> None:
-        names: dict[int, str] = {}
-        lines: list[str] = []
-        for index, (slot, node) in enumerate(stage.inputs.items()):
-            names[id(node)] = f"i{index}"
-            lines.append(f"i{index} = values[{places[slot]}]")
+        names = {id(node): f"i{index}" for index, node in enumerate(stage.inputs.values())}
+        names |= {id(node): f"t{index}" for index, node in enumerate(stage.order)}
 
         def name(value: Value) -> str:
             return names[id(value)] if isinstance(value, Node) else f"({value!r})"
 
-        foreign = set()
-        for index, node in enumerate(stage.order):
-            operands = [name(operand) for operand in node.operands]
-            if node.name in _EXPRESSIONS:
-                expression = _EXPRESSIONS[node.name].format(*operands)
+        lines = [f"{name(node)} = values[{places[slot]}]" for slot, node in stage.inputs.items()]
+        for group in _groups(stage.order):
+            operands = [[name(operand) for operand in node.operands] for node in group]
+            first = group[0]
+            if first.name in _EXPRESSIONS:
+                lines.append(f"{name(first)} = {_EXPRESSIONS[first.name].format(*operands[0])}")
+            elif len(group) == 1:
+                lines.append(f"{name(first)} = {first.name}({', '.join(operands[0])}).item()")
             else:
-                foreign.add(node.name)
-                expression = f"{node.name}({', '.join(operands)}).item()"
-            names[id(node)] = f"t{index}"
-            lines.append(f"t{index} = {expression}")
+                columns = ", ".join(f"({', '.join(column)})" for column in zip(*operands, strict=True))
+                lines.append(f"{', '.join(map(name, group))} = {first.name}({columns}).tolist()")
         if stage.guard is not None:
             lines.append(f"if not {name(stage.guard)}: return False")
         lines += [f"values[{places[slot]}] = {name(value)}" for slot, value in stage.outputs.items()]
@@ -86,6 +84,29 @@ class Scalars:
             "copysign": math.copysign,
             "fmod": math.fmod,
         }
-        scope |= {"inf": np.inf, "nan": np.nan} | {used: function(used) for used in foreign}
+        scope |= {"inf": np.inf, "nan": np.nan}
+        scope |= {node.name: function(node.name) for node in stage.order if node.name not in _EXPRESSIONS}
         exec(compile(source, f"<{len(stage.order)} operations on floats>", "exec"), scope)
         self.run: Callable[[list[Any]], bool] = scope["run"]
+
+
+def _groups(order: list[Node]) -> list[list[Node]]:
+    """The operations in an order in which they can be done, the like ones among NumPy's together: one call does them.
+
+    An operation's level tells how many of NumPy's functions stand, one after the other, between the inputs and it.
+    """
+    levels: dict[int, int] = {}
+    plain: list[list[list[Node]]] = []
+    called: list[dict[str, list[Node]]] = []
+    for node in order:
+        own = [operand for operand in node.operands if isinstance(operand, Node) and id(operand) in levels]
+        level = max((levels[id(operand)] + (operand.name not in _EXPRESSIONS) for operand in own), default=0)
+        levels[id(node)] = level
+        while len(plain) <= level:
+            plain.append([])
+            called.append({})
+        if node.name in _EXPRESSIONS:
+            plain[level].append([node])
+        else:
+            called[level].setdefault(node.name, []).append(node)
+    return [group for level, groups in enumerate(plain) for group in (*groups, *called[level].values())]

@@ -96,7 +96,7 @@ class SoloFlight:
             belief = self._simulation.belief
             features: np.ndarray = self._simulation.realised.observation.observe(belief)
             return features
-        return np.array([[values[place]] for place in self._results["result.observation"]])
+        return np.array([values[place] for place in self._results["result.observation"]])[:, None]
 
     def _done(self, run: Callable[[list[Any]], bool]) -> bool:
         """Whether a stage could be run; nothing has changed where it could not."""
