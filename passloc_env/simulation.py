@@ -314,7 +314,7 @@ class Simulation:
             total[columns] = 0.0
         self.action[:, columns] = 0.0
         self._open(columns)
-        self.outcome = self.look(self.scene())
+        self.outcome = None
 
     def _open(self, columns: IntArray) -> None:
         """Put everything where the episode begins, take the first look, and build belief and bound from it."""
@@ -410,7 +410,7 @@ class Simulation:
         for name, live in self.state_arrays().items():
             live[..., columns] = arrays[name][..., columns]
         self.rebuild_models()
-        self.outcome = self.look(self.scene())
+        self.outcome = None
 
 
 def _poses(platforms: Sequence[Platform], states: Sequence[Array]) -> list[Pose]:
