@@ -159,6 +159,10 @@ class Batch:
     def set_arrays(self, arrays: dict[str, np.ndarray]) -> None:
         """Put a state from :meth:`get_arrays` back; ValueError, with nothing changed, when it does not fit."""
         self.check_arrays(arrays)
+        self.put_arrays(arrays)
+
+    def put_arrays(self, arrays: dict[str, np.ndarray]) -> None:
+        """The same for a state that is known to fit."""
         for part, tile in zip(self.slices, self.tiles, strict=True):
             tile.restore({name: values[..., part] for name, values in arrays.items()})
 

@@ -152,14 +152,8 @@ class CrewBatch:
                 raise error
         return [result for _, result in outcomes]
 
-    def seed(self, index: int, seed: int | None) -> None:
-        """Give one environment a new generator, or its first one when ``seed`` is None."""
-        mask = np.zeros(self.size, bool)
-        mask[index] = True
-        self.seed_all(mask, [seed] * self.size)
-
     def seed_all(self, mask: BoolArray, seeds: list[int | None]) -> None:
-        """The same for every environment of a mask ``(N,)``."""
+        """Give the environments of a mask ``(N,)`` new generators, or their first ones where a seed is None."""
         self._all("seed_all", lambda share: (mask[share], seeds[share]))
 
     def reset(self, mask: BoolArray) -> None:
@@ -212,7 +206,7 @@ class CrewBatch:
     def set_arrays(self, arrays: dict[str, np.ndarray]) -> None:
         """Put a state from :meth:`get_arrays` back; ValueError, with nothing changed, when it does not fit."""
         self.check_arrays(arrays)
-        self._all("set_arrays", lambda share: (_cut(arrays, share),))
+        self._all("put_arrays", lambda share: (_cut(arrays, share),))
 
 
 def _cut(arrays: dict[str, np.ndarray], share: slice) -> dict[str, np.ndarray]:

@@ -15,12 +15,7 @@ import numpy as np
 
 from passloc_env.arrays import Array, BoolArray, IntArray
 from passloc_env.dynamics import Dynamics
-from passloc_env.linalg import (
-    diagonal,
-    inner,
-    matvec,
-    mend,
-)
+from passloc_env.linalg import diagonal, inner, matvec, mend
 from passloc_env.sensor_suite import SensorSuite
 
 _SMALLEST_VARIANCE = 1e-12

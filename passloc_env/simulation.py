@@ -118,7 +118,7 @@ class Simulation:
         self._move_emitter(time, noise)
 
         scene = self.scene()
-        reported = self._reported(self.realised.platforms, self.platform_states, scene.poses, noise)
+        reported = self.reported_poses(scene.poses, noise)
         measurement, self.detected = self.measure(scene, noise)
         self.track.predict(time)
         self.track.update(measurement, reported, self.detected)
@@ -160,9 +160,8 @@ class Simulation:
         np.minimum(np.maximum(action, -1.0), 1.0, out=self.action)
         emitter = self.track.mean[self.models.tracker.layout.position]
         first = 0
-        platforms = self.realised.platforms
-        reported = self._reported(platforms, self.platform_states, self.poses(), noise)
-        for index, (platform, pose) in enumerate(zip(platforms, reported, strict=True)):
+        reported = self.reported_poses(self.poses(), noise)
+        for index, (platform, pose) in enumerate(zip(self.realised.platforms, reported, strict=True)):
             part = self.action[first : first + platform.controls]
             first += platform.controls
             if platform.controls:
@@ -257,7 +256,7 @@ class Simulation:
             mean=self.track.mean,
             covariance=self.track.covariance,
             layout=self.models.tracker.layout,
-            poses=self._reported(self.realised.platforms, self.platform_states, self.poses(), noise),
+            poses=self.reported_poses(self.poses(), noise),
             platforms=self.realised.platforms,
             sensors=self.realised.sensors,
             motion=self.realised.forecast_motion,
@@ -278,9 +277,9 @@ class Simulation:
         """The true pose of every platform."""
         return _poses(self.realised.platforms, self.platform_states)
 
-    def reported_poses(self, poses: list[Pose]) -> list[Pose]:
-        """The pose that every platform reports, given the true ones."""
-        return self._reported(self.realised.platforms, self.platform_states, poses, self.noise_at())
+    def reported_poses(self, poses: list[Pose], noise: StepNoise) -> list[Pose]:
+        """The pose that every platform reports, given the true ones and this instant's errors."""
+        return self._reported(self.realised.platforms, self.platform_states, poses, noise)
 
     @staticmethod
     def _reported(

@@ -105,7 +105,9 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seed is not None and _is_seed(seed):
             super().reset(seed=int(seed))  # type: ignore[arg-type]
         self.batch.seed_all(mask, seeds)
-        self._begin(mask)
+        self.batch.reset(mask)
+        self._started |= mask
+        self._ended[mask] = False
         return self.batch.observe(), masked(self.batch.info(self.diagnostics), mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -131,11 +133,6 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             info |= _finals(*last, self._ended)
         everywhere = np.ones(self.num_envs, bool)
         return observation, reward, terminated, truncated, masked(info, everywhere)
-
-    def _begin(self, mask: BoolArray) -> None:
-        self.batch.reset(mask)
-        self._started |= mask
-        self._ended[mask] = False
 
     def close_extras(self, **kwargs: Any) -> None:
         """Send the workers home."""

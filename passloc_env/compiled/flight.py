@@ -26,23 +26,20 @@ class RowsFlight:
         self._noise = {key: np.array(array, order="C") for key, array in noise_arrays(simulation.noise_at()).items()}
         self._time, self._action = simulation.time, simulation.action.copy()
         given = {**self._noise, "argument.time": self._time, "argument.action": self._action}
-        here = _rows(live) | _rows(given)
-        outputs = plan.rows["sense"].outputs
         results = _results(plan, simulation.environments)
-        self._detected = results.get("result.detected")
-        spare = {slot: np.empty_like(here[slot]) for slot in outputs if slot in here}
-        there = {**here, **spare, **_rows(results)}
-        here |= _rows(results)
+        self._detected, self._features = results.get("result.detected"), results["result.observation"]
+        state = _rows(live)
+        here = {**state, **_rows(given), **_rows(results)}
+        spare = {slot: np.empty_like(state[slot]) for slot in plan.rows["sense"].outputs if slot in state}
+        there = {**here, **spare}
         self._back = [(here[slot], row) for slot, row in spare.items()]
         self._mirror = [(here[above], here[below]) for above, below in plan.mirrored.items() if below in spare]
 
-        scratch = plan.rows["sense"].scratch(simulation.environments)
-        self._sense = (plan.rows["sense"](here, there, scratch), plan.rows["sense"](there, here, scratch))
+        sense, observe = plan.rows["sense"], plan.rows["observe"]
+        scratch = sense.scratch(simulation.environments)
+        self._sense = (sense(here, there, scratch), sense(there, here, scratch))
         self._decide, self._conclude = (self._in_place(name, here) for name in ("decide", "conclude"))
-        self._features = _results(plan, simulation.environments)["result.observation"]
-        observe = plan.rows["observe"]
-        told = _rows({"result.observation": self._features})
-        self._observe = observe(here, told, observe.scratch(simulation.environments))
+        self._observe = observe(here, here, observe.scratch(simulation.environments))
 
     def _in_place(self, name: str, here: dict[Slot, np.ndarray]) -> Any:
         """A stage that writes where it reads."""

@@ -16,7 +16,6 @@ import numpy as np
 Value = Any
 """An operation's operand: a :class:`Node`, or a Python float or bool."""
 
-
 _COMMUTATIVE = {"add", "multiply"}
 """Operations whose operands may be exchanged to the last bit."""
 
@@ -74,7 +73,7 @@ class Graph:
         return Node(self, "input", (), value)
 
     def apply(self, name: str, operands: tuple[Value, ...]) -> Value:
-        """The result of an operation of :data:`FUNCTIONS`, the known one where it has been done before."""
+        """The result of one of NumPy's functions, the known one where it has been asked for before."""
         simple = _simplified(name, operands)
         if simple is not None:
             return simple

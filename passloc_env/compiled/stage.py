@@ -97,7 +97,7 @@ def trace(simulation: Any, name: str) -> Stage:
     before = {key: array.copy() for key, array in known.items()}
     memo: dict[int, Any] = {id(array): known[key] for key, array in live.items()}
     memo[id(simulation.noise)] = memo[id(simulation.watchers)] = None
-    memo |= {id(part): None for part in (simulation._outcome, simulation.flight) if part is not None}
+    memo[id(simulation.outcome)] = None
     navigation = [
         NavigationErrors(known[f"step.constant.{platform}"], known[f"step.fresh.{platform}"])
         for platform in range(len(noise.navigation))
