@@ -68,6 +68,13 @@ class StepNoise(NamedTuple):
     """The navigation errors of each platform."""
 
 
+class StepTable(NamedTuple):
+    """The noise of a kind at every step: number ``i`` of cell ``c`` is at ``c · pitch + i``."""
+
+    numbers: Array
+    pitch: int
+
+
 class EpisodeNoise:
     """The noise of a batch of episodes. Measurement noise ``k`` belongs to time ``k``; 0 is the first look."""
 
@@ -77,7 +84,7 @@ class EpisodeNoise:
         self.prior: Array = np.zeros((sizes.prior, environments))
         self.nuisances: Array = np.zeros((sizes.nuisances, environments))
         self._measurement: Array = np.zeros((environments, sizes.steps + 1, sizes.measurement))
-        self._process: Array = np.zeros((environments, sizes.steps, sizes.process))
+        self._process: Array = np.zeros((environments, sizes.steps + 1, sizes.process))
         self._detection: Array = np.zeros((environments, sizes.steps + 1, sizes.detection))
         constant = sum(kept for kept, _ in sizes.navigation)
         fresh = sum(renewed for _, renewed in sizes.navigation)
@@ -85,6 +92,7 @@ class EpisodeNoise:
         self._fresh_errors: Array = np.zeros((environments, sizes.steps + 1, fresh))
         self._uniform = list(sizes.uniform)
         self._rows = np.arange(environments)
+        self._first_cells = self._rows * (sizes.steps + 1)
         self._bits = np.random.PCG64(0)
         self._generator = np.random.Generator(self._bits)
 
@@ -101,7 +109,7 @@ class EpisodeNoise:
             uniforms = self._stream(keys[_UNIFORM]).random((self._sizes.steps + 1, len(self._uniform)))
             self._measurement[column][:, self._uniform] = math.sqrt(12.0) * (uniforms - 0.5)
         if self._sizes.process:
-            self._stream(keys[_PROCESS]).standard_normal(out=self._process[column])
+            self._stream(keys[_PROCESS]).standard_normal(out=self._process[column, 1:])
         if self._sizes.detection:
             self._stream(keys[_DETECTION]).random(out=self._detection[column])
 
@@ -121,33 +129,32 @@ class EpisodeNoise:
         """All that belongs to the step that ends at measurement ``step (N,)``, in some environments."""
         return StepNoise(
             self.measurement(step, columns),
-            self.process(np.maximum(step - 1, 0), columns),
+            self.process(step, columns),
             self.detection(step, columns),
             self.navigation(step, columns),
         )
 
-    def alone(self, step: int) -> list[float]:
-        """All that :meth:`at` says of the first environment, one after another; each platform's errors last."""
-        navigation: list[float] = []
-        first = last = 0
-        for kept, renewed in self._sizes.navigation:
-            if kept or renewed:
-                navigation += self._constant_errors[first : first + kept, 0].tolist()
-                navigation += self._fresh_errors[0, step, last : last + renewed].tolist()
-                first, last = first + kept, last + renewed
-        whole: list[float] = self._measurement[0, step].tolist()
-        if self._sizes.process:
-            whole += self._process[0, max(step - 1, 0)].tolist()
-        if self._sizes.detection:
-            whole += self._detection[0, step].tolist()
-        return whole + navigation
+    def tables(self) -> dict[str, StepTable]:
+        """Where :meth:`at` finds what is new at every step, by kind; of the navigation errors, by platform."""
+        every = {"measurement": self._measurement, "process": self._process, "detection": self._detection}
+        tables = {kind: StepTable(array.reshape(-1), array.shape[-1]) for kind, array in every.items()}
+        fresh, first = self._fresh_errors.reshape(-1), 0
+        for platform, (_, renewed) in enumerate(self._sizes.navigation):
+            tables[f"fresh.{platform}"] = StepTable(fresh[first:], self._fresh_errors.shape[-1])
+            first += renewed
+        return tables
+
+    def cells(self, step: IntArray, out: IntArray) -> None:
+        """Which step ``(N,)`` of all that the batch has is each environment's own, for :meth:`tables`."""
+        np.minimum(step, self._sizes.steps, out=out)
+        np.add(out, self._first_cells, out=out)
 
     def measurement(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
         """Errors ``(m, k)`` of the measurement at step ``(N,)``, in some environments; uncorrelated, unit variance."""
         return self._taken(self._measurement, step, columns)
 
     def process(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
-        """Standard normals ``(w, N)`` that disturb the emitter from step ``(N,)`` to the next."""
+        """Standard normals ``(w, N)`` that disturb the emitter on its way to step ``(N,)``; none lead to step 0."""
         return self._taken(self._process, step, columns)
 
     def detection(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
@@ -156,13 +163,20 @@ class EpisodeNoise:
 
     def navigation(self, step: IntArray, columns: IntArray | slice = slice(None)) -> list[NavigationErrors]:
         """The navigation errors of each platform at step ``(N,)``, in some environments."""
-        constant = self._constant_errors[:, columns]
         fresh = self._taken(self._fresh_errors, step, columns)
-        errors, first, last = [], 0, 0
-        for kept, renewed in self._sizes.navigation:
-            errors.append(NavigationErrors(constant[first : first + kept], fresh[last : last + renewed]))
-            first, last = first + kept, last + renewed
+        errors, first = [], 0
+        for constant, (_, renewed) in zip(self.constants(), self._sizes.navigation, strict=True):
+            errors.append(NavigationErrors(constant[:, columns], fresh[first : first + renewed]))
+            first += renewed
         return errors
+
+    def constants(self) -> list[Array]:
+        """What is the same throughout an episode of each platform's navigation errors, ``(c, N)`` each; live."""
+        lasts = np.cumsum([kept for kept, _ in self._sizes.navigation]).tolist()
+        return [
+            self._constant_errors[last - kept : last]
+            for last, (kept, _) in zip(lasts, self._sizes.navigation, strict=True)
+        ]
 
     def _taken(self, kept: Array, step: IntArray, columns: IntArray | slice) -> Array:
         """Those ``(k, N)`` of all steps ``(N, steps, k)`` that belong to one step ``(N,)`` of each environment."""

@@ -14,9 +14,8 @@ import numpy as np
 
 from passloc_env.arrays import Array, BoolArray, IntArray
 from passloc_env.belief import Belief
-from passloc_env.compiled.flight import RowsFlight
+from passloc_env.compiled.flight import Flight
 from passloc_env.compiled.prepare import plan_of
-from passloc_env.compiled.solo import SoloFlight
 from passloc_env.information import Information
 from passloc_env.models import ScenarioModels
 from passloc_env.noise import EpisodeNoise, StepNoise
@@ -50,7 +49,7 @@ class Simulation:
 
     def __init__(self, scenario: Scenario, environments: int, straight: bool = True) -> None:
         self.scenario, self.environments, self.straight = scenario, environments, straight
-        self.flight: RowsFlight | SoloFlight | None = None
+        self.flight: Flight | None = None
         self._randomisation = Randomisation(scenario, environments)
         self.realised: Scenario = self._randomisation.realised
         self.models = self._build_models()
@@ -85,13 +84,13 @@ class Simulation:
                 self._advance()
             self.conclude()
 
-    def _prepared_flight(self) -> RowsFlight | SoloFlight | None:
+    def _prepared_flight(self) -> Flight | None:
         """What flies in place of the methods below; None where nothing else can."""
         if self.straight and self.flight is None:
             plan = plan_of(self.scenario, Simulation)
             self.straight = plan is not None
             if plan is not None:
-                self.flight = (SoloFlight if self.environments == 1 else RowsFlight)(plan, self)
+                self.flight = Flight(plan, self)
         return self.flight if self.straight else None
 
     def __getstate__(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What can be flown of a scenario as straight-line code: its stages, traced once and kept."""
+"""What can be flown of a scenario as straight-line code: its stages, traced and compiled once and kept."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from passloc_env.compiled.graph import TraceError
-from passloc_env.compiled.rows import Rows
-from passloc_env.compiled.scalars import Scalars
-from passloc_env.compiled.stage import STAGES, Slot, Stage, is_symmetric, live_arrays, trace
+from passloc_env.compiled.machine import Machine
+from passloc_env.compiled.stage import STAGES, Slot, Stage, copying, is_symmetric, live_arrays, trace
 
 
 class Plan:
@@ -26,7 +25,13 @@ class Plan:
         if any(self.stages[name].guard is not None for name in STAGES if name != "sense"):
             raise TraceError("only a sensor step may depend on what happens")
         self.mirrored = self._mirrored(simulation)
-        self._scalars: dict[str, Scalars] | None = None
+        self._pitches = {f"step.{kind}": table.pitch for kind, table in simulation.noise.tables().items()}
+        sense = self.stages["sense"].outputs
+        halves = {above: below for above, below in self.mirrored.items() if below in sense}
+        self.stages["mirror"] = copying(halves, sense)
+        self.stages["sense"].outputs = {slot: value for slot, value in sense.items() if slot not in halves}
+        back = {slot: slot for slot in self.stages["sense"].outputs if not slot[0].startswith("result.")}
+        self.stages["back"] = copying(back, sense)
 
     def _mirrored(self, simulation: Any) -> dict[Slot, Slot]:
         pairs: dict[Slot, Slot] = {}
@@ -45,13 +50,6 @@ class Plan:
         return pairs
 
     @cached_property
-    def rows(self) -> dict[str, Rows]:
-        """Every stage as code for many environments."""
-        skipped = frozenset(self.mirrored)
-        return {name: Rows(stage, skipped) for name, stage in self.stages.items()}
-
-    def scalars(self, places: dict[Slot, int]) -> dict[str, Scalars]:
-        """Every stage as code for one environment; ``places`` are the same for every simulation of the scenario."""
-        if self._scalars is None:
-            self._scalars = {name: Scalars(stage, places) for name, stage in self.stages.items()}
-        return self._scalars
+    def machines(self) -> dict[str, Machine]:
+        """Every stage as machine code; all but a sensor step may write where they read."""
+        return {name: Machine(stage, self._pitches, name != "sense") for name, stage in self.stages.items()}

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from passloc_env.compiled.flight import RowsFlight
+from passloc_env.compiled.flight import Flight
 from passloc_env.compiled.graph import TraceError
 from passloc_env.compiled.plan import Plan
 from passloc_env.compiled.stage import live_arrays
@@ -20,7 +20,10 @@ _TAXI = 3
 
 @lru_cache(maxsize=64)
 def plan_of(scenario: Any, simulate: Callable[..., Any]) -> Plan | None:
-    """The plan of a scenario, or None when its code is no straight-line arithmetic; ``simulate`` makes a simulation."""
+    """The plan of a scenario; ``simulate`` makes a simulation.
+
+    None when its code is no straight-line arithmetic, or when the system allows no code to be made.
+    """
     simulation = simulate(scenario.override({"episode.early_end": False}), 1, straight=False)
     simulation.reset(np.arange(1), [np.random.default_rng(0)])
     for _ in range(min(_TAXI, scenario.episode.steps // scenario.episode.decision_every)):
@@ -29,7 +32,7 @@ def plan_of(scenario: Any, simulate: Callable[..., Any]) -> Plan | None:
         with np.errstate(all="ignore"):
             plan = Plan(simulation)
             return plan if _does_the_same(plan, simulation) else None
-    except TraceError:
+    except (TraceError, OSError):
         return None
 
 
@@ -40,7 +43,7 @@ def _does_the_same(plan: Plan, simulation: Any) -> bool:
     """
     twin = copy.deepcopy(simulation)
     action = np.full(simulation.action.shape, -0.25)
-    flight = RowsFlight(plan, twin)
+    flight = Flight(plan, twin)
     flight.step(action)
     simulation.step(action)
     theirs = live_arrays(twin)

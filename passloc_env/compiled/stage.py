@@ -7,7 +7,7 @@ symbols, runs it once; what then stands in the arrays is what the stage computes
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,9 @@ from passloc_env.noise import NavigationErrors, StepNoise
 
 Slot = tuple[str, int]
 """One number of every environment: the name of an array, and which of its rows, counted in C order."""
+
+CELL: Slot = ("argument.cell", 0)
+"""Which step of which episode every environment is at, counted through: where its noise is found."""
 
 
 @dataclass
@@ -111,6 +114,14 @@ def trace(simulation: Any, name: str) -> Stage:
     except Exception as error:
         raise TraceError(f"{name}: {type(error).__name__}: {error}") from error
     return _stage(graph, before, {key: known[key] for key in live}, results or {})
+
+
+def copying(pairs: dict[Slot, Slot], values: Mapping[Slot, Value]) -> Stage:
+    """The stage that fills slots from others, given ``{to: from}`` and something like what stands there."""
+    graph = Graph()
+    like = {source: values[to] for to, source in pairs.items()}
+    inputs = {slot: graph.input(value.value if isinstance(value, Node) else value) for slot, value in like.items()}
+    return Stage(inputs, {to: inputs[source] for to, source in pairs.items()}, None, [])
 
 
 def _tied(name: str, array: Traced) -> Traced:

@@ -1,0 +1,109 @@
+"""Where the values of a stage are kept: rows of numbers, one number per environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from passloc_env.compiled.graph import Node, Value
+from passloc_env.compiled.instructions import INSTRUCTIONS, is_logical
+from passloc_env.compiled.levels import Levels
+from passloc_env.compiled.stage import CELL, Stage
+
+KINDS = {"double": np.dtype(float), "i64": np.dtype(np.int64), "i8": np.dtype(bool)}
+"""What rows are made of, as LLVM calls it and as NumPy does."""
+
+
+class Call(NamedTuple):
+    """A function of NumPy on neighbouring scratch rows: so many for each operand, then as many results."""
+
+    name: str
+    first: int
+    operands: int
+    width: int
+
+
+class Home(NamedTuple):
+    """A row where a value is found; with a ``pitch`` each environment's number is at its cell times the pitch."""
+
+    row: int
+    kind: str
+    pitch: int = 0
+
+
+class Layout:
+    """The rows of a stage: inputs, outputs, scratch, counted through.
+
+    Args:
+        stage: what to compute.
+        pitches: owners of inputs that are kept step by step, and the numbers of a step.
+        in_place: whether outputs may be written to the very rows of the inputs.
+
+    Attributes:
+        in_place: the argument.
+        inputs, outputs: the slots of the first rows.
+        kinds: what each of these is made of.
+        levels: the operations.
+        cell: the row of places in what is kept step by step.
+        homes: where inputs, and values of one level that others need, are found, by identity.
+        stores: what each level writes where; of several rows for a value its home is first.
+        calls: what NumPy does after each level.
+        scratch: the number of scratch rows.
+    """
+
+    def __init__(self, stage: Stage, pitches: Mapping[str, int], in_place: bool) -> None:
+        self.in_place, self.levels = in_place, Levels(stage.order, INSTRUCTIONS)
+        self.inputs, self.outputs = list(stage.inputs), list(stage.outputs)
+        self.homes: dict[int, Home] = {}
+        for row, ((owner, _), node) in enumerate(stage.inputs.items()):
+            self.homes[id(node)] = Home(row, _kind(node), pitches.get(owner, 0))
+        self.cell = len(self.inputs)
+        if any(home.pitch for home in self.homes.values()):
+            self.inputs.append(CELL)
+        self.kinds = [self.homes[id(node)].kind for node in stage.inputs.values()]
+        self.kinds += ["i64"] * (len(self.inputs) - len(self.kinds))
+        self.kinds += [_kind(value) for value in stage.outputs.values()]
+        self.scratch = 0
+        self.stores: list[list[tuple[Home, Value]]] = [[] for _ in self.levels]
+        self.calls: list[list[Call]] = []
+        for depth, level in enumerate(self.levels):
+            self.calls.append([self._call(depth, name, nodes) for name, nodes in level.called.items()])
+        last = len(self.levels) - 1
+        written = [
+            (last if in_place else self.levels.ready(value), Home(row, self.kinds[row]), value)
+            for row, value in enumerate(stage.outputs.values(), len(self.inputs))
+        ]
+        for depth, level in enumerate(self.levels):
+            needed: list[Value] = [operand for node in level.plain for operand in node.operands]
+            needed += [value for _, value in self.stores[depth]]
+            needed += [value for when, _, value in written if when == depth]
+            for value in [*needed, stage.guard] if depth == last else needed:
+                self._keep(depth, value)
+        for depth, home, value in written:
+            self.stores[depth].append((home, value))
+
+    def _call(self, depth: int, name: str, nodes: list[Node]) -> Call:
+        call = Call(name, self.scratch, len(nodes[0].operands), len(nodes))
+        for operands in zip(*(node.operands for node in nodes), strict=True):
+            self.stores[depth] += [(self._take("double"), operand) for operand in operands]
+        self.homes |= {id(node): self._take("double") for node in nodes}
+        return call
+
+    def _keep(self, depth: int, value: Value) -> None:
+        """Have an earlier level put away what this one needs."""
+        if isinstance(value, Node) and id(value) not in self.homes and self.levels.ready(value) < depth:
+            self.homes[id(value)] = home = self._take("i8" if value.logical else "double")
+            self.stores[self.levels.ready(value)].append((home, value))
+
+    def _take(self, kind: str) -> Home:
+        self.scratch += 1
+        return Home(len(self.inputs) + len(self.outputs) + self.scratch - 1, kind)
+
+
+def _kind(value: Value) -> str:
+    if is_logical(value):
+        return "i8"
+    counts = value.counts if isinstance(value, Node) else isinstance(value, int)
+    return "i64" if counts else "double"
