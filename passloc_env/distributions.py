@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from passloc_env.arrays import Array, Number
+from passloc_env.arrays import Array, Number, zeros
 from passloc_env.component import Component, Spec
 from passloc_env.errors import ScenarioError
 
@@ -116,7 +116,7 @@ class LogUniform(Distribution):
     def sample(self, uniform: Array) -> Array:
         """Values ``(N,)`` for standard uniform draws ``(N,)``."""
         values: Array = self.low * np.exp(math.log(self.high / self.low) * uniform)
-        return np.clip(values, self.low, self.high)
+        return np.minimum(np.maximum(values, self.low), self.high)
 
 
 @dataclass(frozen=True)
@@ -132,5 +132,8 @@ class Choice(Distribution):
 
     def sample(self, uniform: Array) -> Array:
         """Values ``(N,)`` for standard uniform draws ``(N,)``."""
-        index = np.minimum((uniform * len(self.values)).astype(np.int64), len(self.values) - 1)
-        return np.asarray(self.values, dtype=np.float64)[index]
+        scaled = uniform * len(self.values)
+        chosen: Array = zeros(uniform, uniform.shape) + self.values[0]
+        for index, value in enumerate(self.values[1:], 1):
+            chosen = np.where(scaled >= index, value, chosen)
+        return chosen

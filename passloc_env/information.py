@@ -61,19 +61,19 @@ class Information:
         """Add ``Hᵀ R⁻¹ H`` of a measurement with Jacobian ``H (m, n, N)``; undetected rows add nothing.
 
         One scalar after the other, for the whitened ones are independent: with ``s = C h`` and ``v = 1 + hᵀ C h``,
-        ``C ← C − s sᵀ/v``, and the Gram gain is the sum of ``ln v``.
+        ``C ← C − s sᵀ/v``, and the Gram gain is ``ln Π v``.
         """
         if detected is not None:
             jacobian = jacobian * detected[:, None]
-        gains = []
+        growth: Array | float = 1.0
         for row in suite.whitened(jacobian)[:, :, None]:
             shared = matvec(self.covariance, row)
             variance = 1.0 + np.maximum(inner(row, shared), 0.0)
-            shared /= np.sqrt(variance)
+            shared *= 1.0 / np.sqrt(variance)
             self.covariance -= shared[:, None] * shared
-            gains.append(np.log(variance[-1]))
+            growth = growth * variance[-1]
         if self._gram:
-            self.gram_gain[...] = sum(gains)
+            self.gram_gain[...] = np.log(growth)
         if not np.logical_and.reduce(np.minimum.reduce(diagonal(self.covariance)) > 0.0, axis=None):
             self._repair()
 

@@ -101,7 +101,7 @@ def _factor(matrix: Array, scale: float = 1.0) -> tuple[Array, BoolArray]:
     for j in range(n):
         np.sqrt(np.maximum(rest[j, j], floors[j]), out=lower[j, j])
         if j + 1 < n:
-            column = np.divide(rest[j + 1 :, j], lower[j, j], out=lower[j + 1 :, j])
+            column = np.multiply(rest[j + 1 :, j], 1.0 / lower[j, j], out=lower[j + 1 :, j])
             rest[j + 1 :, j + 1 :] -= column[:, None] * column
     return lower, _flat_diagonal(rest) > floors
 
@@ -117,7 +117,7 @@ def cholesky_above(matrix: Array, floors: Array) -> Array:
         np.sqrt(np.maximum(pivot, floors[j]), out=pivot)
         column = matrix[j + 1 :, j]
         if len(column):
-            column /= pivot
+            column *= 1.0 / pivot
             matrix[j + 1 :, j + 1 :] -= column[:, None] * column
     return matrix
 
@@ -162,7 +162,7 @@ def solve_lower(lower: Array, right: Array) -> Array:
     for i in range(len(lower)):
         if i:
             right[i] -= tree_sum(lower[i, :i, None] * right[:i])
-        right[i] /= lower[i, i]
+        right[i] *= 1.0 / lower[i, i]
     return right
 
 

@@ -323,7 +323,7 @@ class Manoeuvre(Motion):
 
     def _manoeuvred(self, state: Array, layout: StateLayout, period: float, overlap: Array) -> Array:
         """States ``(n, N)`` after a step of which the manoeuvre takes ``overlap (N,)`` seconds."""
-        gain = 0.5 * self.acceleration * (np.fmod(self.kind, 2.0) * overlap)
+        gain = 0.5 * self.acceleration * ((self.kind - 2.0 * np.floor(0.5 * self.kind)) * overlap)
         half = 0.5 * self.turn_rate * (np.greater_equal(self.kind, 2.0) * overlap)
 
         d = layout.dimension

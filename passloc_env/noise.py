@@ -68,6 +68,19 @@ class StepNoise(NamedTuple):
     """The navigation errors of each platform."""
 
 
+class Opening(NamedTuple):
+    """What chance has in store for the beginning of episodes."""
+
+    uniforms: Array
+    """Standard uniforms for the scenario's quantities ``(q, k)``."""
+    prior: Array
+    """Standard normals for the prior ``(p, k)``."""
+    nuisances: Array
+    """Standard normals for the true nuisance states ``(u, k)``."""
+    first: StepNoise
+    """The noise of the first look."""
+
+
 class StepTable(NamedTuple):
     """The noise of a kind at every step: number ``i`` of cell ``c`` is at ``c · pitch + i``."""
 
@@ -98,7 +111,8 @@ class EpisodeNoise:
 
     def draw(self, column: int, generator: np.random.Generator) -> None:
         """Draw a whole episode for one environment; takes one block of words from its generator."""
-        keys = _words(generator, 4 * _KINDS).reshape(_KINDS, 4).tolist()
+        words = _words(generator, 4 * _KINDS).tolist()
+        keys = [words[first : first + 4] for first in range(0, len(words), 4)]
         self.uniforms[:, column] = self._stream(keys[_QUANTITIES]).random(self._sizes.uniforms)
         if self._sizes.prior:
             self.prior[:, column] = self._stream(keys[_PRIOR]).standard_normal(self._sizes.prior)
@@ -133,6 +147,11 @@ class EpisodeNoise:
             self.detection(step, columns),
             self.navigation(step, columns),
         )
+
+    def opening(self, columns: IntArray | slice = slice(None)) -> Opening:
+        """All that belongs to the beginning of an episode, in some environments."""
+        first = self.at(np.zeros(len(self._rows), np.int64), columns)
+        return Opening(self.uniforms[:, columns], self.prior[:, columns], self.nuisances[:, columns], first)
 
     def tables(self) -> dict[str, StepTable]:
         """Where :meth:`at` finds what is new at every step, by kind; of the navigation errors, by platform."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from passloc_env.arrays import Array, IntArray
+from passloc_env.arrays import Array, IntArray, zeros
 from passloc_env.models import ScenarioModels
 from passloc_env.noise import NoiseSizes
 from passloc_env.randomisation import take
@@ -37,7 +35,7 @@ def first_truth(realised: Scenario, models: ScenarioModels, columns: IntArray, n
         normals: standard normals for the true nuisances, one row each ``(m, k)``.
     """
     layout = models.truth.layout
-    truth = np.zeros((layout.size, len(columns)))
+    truth = zeros(normals, (layout.size, len(columns)))
     start = take(realised.target.start, columns).sample(len(columns))
     given = min(len(start), layout.kinematic.stop)
     truth[:given] = start[:given]

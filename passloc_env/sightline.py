@@ -51,6 +51,11 @@ class Sightline:
         return distance(self.offset)
 
     @lazy
+    def nearness(self) -> Array:
+        """One over the range ``(…, N)``, 1/m: a division serves all that are to be divided by the range."""
+        return 1.0 / self.range
+
+    @lazy
     def on_top(self) -> BoolArray:
         """Whether the emitter is at the very place ``(…, N)``: then no direction exists, and nothing is measured."""
         on_top: BoolArray = self.range <= _CLOSEST
@@ -67,7 +72,7 @@ class Sightline:
     @lazy
     def direction(self) -> Array:
         """Unit vector to the emitter ``(d, …, N)``."""
-        return self.offset / self.range
+        return self.offset * self.nearness
 
     @lazy
     def bearing(self) -> Array:
@@ -77,12 +82,12 @@ class Sightline:
     @lazy
     def range_rate(self) -> Array:
         """Rate of change of the range ``(…, N)``, m/s."""
-        return inner(self.offset, self.velocity) / self.range
+        return inner(self.offset, self.velocity) * self.nearness
 
     @lazy
     def range_acceleration(self) -> Array:
         """Second derivative of the range ``(…, N)``, m/s²: ``(v² − ṙ²)/r + u·a``."""
-        turning = (inner(self.velocity, self.velocity) - self.range_rate * self.range_rate) / self.range
+        turning = (inner(self.velocity, self.velocity) - self.range_rate * self.range_rate) * self.nearness
         return turning + inner(self.direction, self.acceleration)
 
 

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.arrays import Array, BoolArray, IntArray, zeros
 from passloc_env.belief import Belief
 from passloc_env.compiled.flight import Flight
 from passloc_env.compiled.prepare import plan_of
 from passloc_env.information import Information
 from passloc_env.models import ScenarioModels
-from passloc_env.noise import EpisodeNoise, StepNoise
+from passloc_env.noise import EpisodeNoise, Opening, StepNoise
 from passloc_env.opening import first_truth, noise_sizes
 from passloc_env.platforms import Platform, Pose
 from passloc_env.randomisation import Randomisation, take
@@ -304,31 +304,44 @@ class Simulation:
     def _reset(self, columns: IntArray, generators: Sequence[np.random.Generator]) -> None:
         for column, generator in zip(columns, generators, strict=True):
             self.noise.draw(int(column), generator)
-        self._randomisation.sample(columns, self.noise.uniforms[:, columns])
+        flight = self._prepared_flight()
+        if flight is None or not flight.open(columns):
+            self.open(columns, self.noise.opening(self._evaluated(columns)))
+        self.rebuild_models()
+        self.outcome = None
+
+    def _evaluated(self, columns: IntArray) -> IntArray:
+        """The environments that must be looked at for some to begin anew.
+
+        Matrices that hold random numbers hold those of all environments: then all are evaluated, and some are kept.
+        """
+        return np.arange(self.environments) if self.models.volatile else columns
+
+    def open(self, columns: IntArray, chance: Opening) -> None:
+        """Put everything where the episode begins, take the first look, and build belief and bound from it.
+
+        Args:
+            columns: which environments begin anew.
+            chance: what happens by chance in those that are evaluated.
+        """
+        evaluated, kept = self._evaluated(columns), columns if self.models.volatile else slice(None)
+        self._randomisation.sample(columns, chance.uniforms[:, kept])
         self.rebuild_models()
         for values in (self.step_count, self.reward, self.violated, self.breached, self.lost):
             values[columns] = 0
         for total in self.reward_terms.values():
             total[columns] = 0.0
         self.action[:, columns] = 0.0
-        self._open(columns)
-        self.outcome = None
 
-    def _open(self, columns: IntArray) -> None:
-        """Put everything where the episode begins, take the first look, and build belief and bound from it."""
-        # Matrices that hold random numbers hold those of all environments: then all are evaluated, and some are kept.
-        evaluated = np.arange(self.environments) if self.models.volatile else columns
-        kept = columns if self.models.volatile else slice(None)
         platforms = [take(platform, evaluated) for platform in self.realised.platforms]
         prior: Prior = take(self.realised.prior, evaluated)
-        truth = first_truth(self.realised, self.models, evaluated, self.noise.nuisances[:, evaluated])
-        states = [platform.start(len(evaluated)) + 0.0 for platform in platforms]
+        truth = first_truth(self.realised, self.models, evaluated, chance.nuisances)
+        states = [zeros(truth, (1, len(evaluated))) + platform.start(len(evaluated)) for platform in platforms]
         poses = _poses(platforms, states)
-        noise = self.noise_at(evaluated)
-        reported = self._reported(platforms, states, poses, noise)
-        heard = self.measure(Scene(truth, self.models.truth.layout, poses), noise)
+        reported = self._reported(platforms, states, poses, chance.first)
+        heard = self.measure(Scene(truth, self.models.truth.layout, poses), chance.first)
 
-        look = self._first_look(truth, heard, reported, self.noise.prior[:, evaluated])
+        look = self._first_look(truth, heard, reported, chance.prior)
         mean, covariance = prior.start(look)
         self.track.start(columns, mean[:, kept], covariance[..., kept], look.pose.position[:, kept])
         layout = self.models.bound.layout

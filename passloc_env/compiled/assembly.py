@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from passloc_env.compiled.graph import Node, Value
-from passloc_env.compiled.instructions import Writer, declarations, is_logical
+from passloc_env.compiled.instructions import declarations
 from passloc_env.compiled.layout import Home, Layout
 from passloc_env.compiled.stage import Stage
+from passloc_env.compiled.writer import Place, Writer, is_logical
 
 
 def assembly(layout: Layout, stage: Stage, lanes: int) -> str:
@@ -29,7 +30,10 @@ class _Loop:
     def __init__(self, layout: Layout, depth: int, name: str, lanes: int, guard: Value | None) -> None:
         self.lanes, self.rows = lanes, dict[int, None]()
         self._layout, self._label = layout, name
-        self._writer = Writer(lanes, f"%index.{name}", f"{name}.")
+        self._writer = Writer(lanes, f"{name}.")
+        self._index = self._column = f"%index.{name}"
+        if layout.column is not None:
+            self._column = self._writer.index(Place(self._row(layout.column.row), "i64", self._index))
         self._names: dict[int, str] = {}
         level, stores = layout.levels[depth], layout.stores[depth]
         ready: dict[int, list[tuple[Home, Value]]] = {}
@@ -63,7 +67,12 @@ class _Loop:
         """All of these have been read before the first is written: they may be rows of one another."""
         named = [(self._name(value), home, value) for home, value in stores]
         for name, home, value in named:
-            self._writer.store(name, is_logical(value), self._row(home.row), home.kind)
+            self._writer.store(name, is_logical(value), self._place(home))
+
+    def _place(self, home: Home) -> Place:
+        """Where a row is read or written: of scratch rows the next entries, of the others those that are meant."""
+        fixed = home.row < self._layout.fixed
+        return Place(self._row(home.row), home.kind, self._column if fixed else self._index)
 
     def _row(self, row: int) -> str:
         self.rows[row] = None
@@ -75,10 +84,11 @@ class _Loop:
         if id(value) not in self._names:
             home = self._layout.homes[id(value)]
             if home.pitch:
-                name = self._writer.gather(self._row(home.row), self._row(self._layout.cell), home.pitch)
+                assert self._layout.cell is not None
+                cells = self._place(self._layout.cell)
+                self._names[id(value)] = self._writer.gather(self._row(home.row), cells, home.pitch)
             else:
-                name = self._writer.load(self._row(home.row), home.kind, value.logical)
-            self._names[id(value)] = name
+                self._names[id(value)] = self._writer.load(self._place(home), value.logical)
         return self._names[id(value)]
 
 

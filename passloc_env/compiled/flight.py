@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from passloc_env.compiled.plan import Plan
-from passloc_env.compiled.stage import CELL, Slot, live_arrays
+from passloc_env.compiled.stage import CELL, COLUMN, OPENING, Slot, live_arrays
 
 
 class Flight:
@@ -21,7 +21,10 @@ class Flight:
         self._simulation, self.repeated = simulation, 0
         self._time, self._action = simulation.time, simulation.action.copy()
         self._cell = np.zeros(simulation.environments, np.int64)
-        given = {"argument.time": self._time, "argument.action": self._action, CELL[0]: self._cell}
+        self._columns = np.zeros(simulation.environments, np.int64)
+        given = {"argument.time": self._time, "argument.action": self._action}
+        given |= {CELL[0]: self._cell, COLUMN[0]: self._columns}
+        given |= dict(zip(OPENING, simulation.noise.opening(), strict=False))
         results = _results(plan, simulation.environments)
         self._detected, self._features = results.get("result.detected"), results["result.observation"]
         state = _rows(live_arrays(simulation))
@@ -31,10 +34,20 @@ class Flight:
 
         machines = plan.machines
         self._sense = (machines["sense"](here, there), machines["sense"](there, here))
+        self._open = machines["open"](here, here) if "open" in machines else None
         self._back = machines["back"](there, here)
         self._decide, self._mirror, self._conclude, self._observe = (
             machines[name](here, here) for name in ("decide", "mirror", "conclude", "observe")
         )
+
+    def open(self, columns: np.ndarray) -> bool:
+        """Begin new episodes in some environments; false where the simulation's own methods must."""
+        if self._open is None:
+            return False
+        self._columns[: len(columns)] = columns
+        self._simulation.step_count[columns] = 0
+        self._look_at_clock()
+        return self._open.first(len(columns))
 
     def step(self, action: np.ndarray) -> None:
         """One decision."""

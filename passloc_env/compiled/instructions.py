@@ -6,10 +6,6 @@ number is the one that NumPy computes.
 
 from __future__ import annotations
 
-import struct
-
-from passloc_env.compiled.graph import Node, Value
-
 INSTRUCTIONS: dict[str, tuple[str, ...]] = {
     "add": ("fadd {V} {0}, {1}",),
     "subtract": ("fsub {V} {0}, {1}",),
@@ -19,6 +15,7 @@ INSTRUCTIONS: dict[str, tuple[str, ...]] = {
     "square": ("fmul {V} {0}, {0}",),
     "absolute": ("call {V} @llvm.fabs.{S}({V} {0})",),
     "sqrt": ("call {V} @llvm.sqrt.{S}({V} {0})",),
+    "floor": ("call {V} @llvm.floor.{S}({V} {0})",),
     "rint": ("call {V} @llvm.rint.{S}({V} {0})",),
     "maximum": (
         "fcmp oge {V} {0}, {1}",
@@ -50,10 +47,7 @@ INSTRUCTIONS: dict[str, tuple[str, ...]] = {
 }
 """What each operation is made of; the last instruction gives the result, ``a`` to ``c`` are those before it."""
 
-_LOGICAL = {"logical_and", "bitwise_and", "logical_or", "bitwise_or", "logical_not", "invert"}
-"""Operations on truth values; a choice takes one, and numbers."""
-
-_INTRINSICS = ("fabs", "sqrt", "rint")
+_INTRINSICS = ("fabs", "sqrt", "floor", "rint")
 
 
 def declarations(lanes: int) -> str:
@@ -80,116 +74,3 @@ class Types:
     def same(self, scalar: str, literal: str) -> str:
         """A number that is the same in every environment."""
         return literal if self.lanes == 1 else f"<{', '.join([f'{scalar} {literal}'] * self.lanes)}>"
-
-
-class Writer:
-    """Lines of assembly for the environments from ``index`` on; every value gets a name of its own.
-
-    Args:
-        lanes: how many environments at once.
-        index: name of the first one's number.
-        prefix: what the names begin with.
-    """
-
-    def __init__(self, lanes: int, index: str, prefix: str) -> None:
-        self.types, self.lines = Types(lanes), list[str]()
-        self._index, self._prefix, self._count = index, prefix, 0
-
-    def put(self, instruction: str) -> str:
-        """Add an instruction; returns the name of its result."""
-        self._count += 1
-        name = f"%{self._prefix}{self._count}"
-        self.lines.append(f"{name} = {instruction}")
-        return name
-
-    def load(self, pointer: str, kind: str, logical: bool) -> str:
-        """The values of a row of ``double``, ``i64`` or ``i8``, as numbers or as truth values."""
-        types = self.types
-        place = self.put(f"getelementptr {kind}, ptr {pointer}, i64 {self._index}")
-        value = self.put(f"load {types.of(kind)}, ptr {place}, align {_bytes(kind)}")
-        if kind == "i8":
-            return self.put(f"icmp ne {types.of(kind)} {value}, {types.same(kind, '0')}")
-        if kind == "i64":
-            return self.put(f"sitofp {types.of(kind)} {value} to {types.real}")
-        return self.truth(value, logical=False) if logical else value
-
-    def gather(self, pointer: str, places: str, pitch: int) -> str:
-        """Numbers from anywhere: each environment's own multiple of ``pitch``, in a row of ``i64``, tells where."""
-        types, whole = self.types, self.types.of("i64")
-        first = self.put(f"getelementptr i64, ptr {places}, i64 {self._index}")
-        offset = self.put(
-            f"mul {whole} {self.put(f'load {whole}, ptr {first}, align 8')}, {types.same('i64', str(pitch))}"
-        )
-        if types.lanes == 1:
-            return self.put(
-                f"load double, ptr {self.put(f'getelementptr double, ptr {pointer}, i64 {offset}')}, align 8"
-            )
-        gathered = "poison"
-        for lane in range(types.lanes):
-            own = self.put(f"extractelement {whole} {offset}, i32 {lane}")
-            place = self.put(f"getelementptr double, ptr {pointer}, i64 {own}")
-            number = self.put(f"load double, ptr {place}, align 8")
-            gathered = self.put(f"insertelement {types.real} {gathered}, double {number}, i32 {lane}")
-        return gathered
-
-    def store(self, value: str, logical: bool, pointer: str, kind: str) -> None:
-        """Put numbers or truth values away in a row."""
-        types, held = self.types, self.types.of(kind)
-        if kind == "i8":
-            value = self.put(f"zext {types.flag} {value} to {held}")
-        else:
-            value = self.number(value, logical)
-            value = self.put(f"fptosi {types.real} {value} to {held}") if kind == "i64" else value
-        place = self.put(f"getelementptr {kind}, ptr {pointer}, i64 {self._index}")
-        self.lines.append(f"store {held} {value}, ptr {place}, align {_bytes(kind)}")
-
-    def require(self, value: str, pointer: str) -> None:
-        """Note in a flag where a truth value does not hold in all environments."""
-        types, before = self.types, self.put(f"load i1, ptr {pointer}")
-        whole = (
-            self.put(f"call i1 @llvm.vector.reduce.and.v{types.lanes}i1({types.flag} {value})")
-            if types.lanes > 1
-            else value
-        )
-        self.lines.append(f"store i1 {self.put(f'and i1 {before}, {whole}')}, ptr {pointer}")
-
-    def number(self, value: str, logical: bool) -> str:
-        """A value as a number."""
-        return self.put(f"uitofp {self.types.flag} {value} to {self.types.real}") if logical else value
-
-    def truth(self, value: str, logical: bool) -> str:
-        """A value as a truth value."""
-        return value if logical else self.put(f"fcmp une {self.types.real} {value}, {self.constant(0.0)}")
-
-    def constant(self, value: float | bool) -> str:
-        """A truth value or a number, to the last bit."""
-        if isinstance(value, bool):
-            return self.types.same("i1", str(value).lower())
-        bits = struct.unpack("<Q", struct.pack("<d", float(value)))[0]
-        return self.types.same("double", f"0x{bits:016X}")
-
-    def apply(self, node: Node, operands: list[str]) -> str:
-        """An operation of the graph on values that have been named before."""
-        types = self.types
-        given = [
-            (self.truth if _takes_flag(node.name, position) else self.number)(name, is_logical(operand))
-            for position, (name, operand) in enumerate(zip(operands, node.operands, strict=True))
-        ]
-        words = {"V": types.real, "B": types.flag, "S": types.suffix}
-        words |= {"true": self.constant(True), "infinity": self.constant(float("inf"))}
-        for letter, template in zip("abcd", INSTRUCTIONS[node.name], strict=False):
-            words[letter] = result = self.put(template.format(*given, **words))
-        return result
-
-
-def is_logical(value: Value) -> bool:
-    """Whether an operand is a truth value."""
-    return value.logical if isinstance(value, Node) else isinstance(value, bool)
-
-
-def _takes_flag(name: str, position: int) -> bool:
-    return name in _LOGICAL or (name == "where" and position == 0)
-
-
-def _bytes(kind: str) -> int:
-    return 1 if kind == "i8" else 8

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from passloc_env.compiled.graph import Node, Value
-from passloc_env.compiled.instructions import INSTRUCTIONS, is_logical
+from passloc_env.compiled.instructions import INSTRUCTIONS
 from passloc_env.compiled.levels import Levels
-from passloc_env.compiled.stage import CELL, Stage
+from passloc_env.compiled.stage import CELL, COLUMN, Slot, Stage
 
 KINDS = {"double": np.dtype(float), "i64": np.dtype(np.int64), "i8": np.dtype(bool)}
 """What rows are made of, as LLVM calls it and as NumPy does."""
@@ -40,32 +40,34 @@ class Layout:
         stage: what to compute.
         pitches: owners of inputs that are kept step by step, and the numbers of a step.
         in_place: whether outputs may be written to the very rows of the inputs.
+        some: whether only some environments are meant, which a row of indices names.
 
     Attributes:
         in_place: the argument.
         inputs, outputs: the slots of the first rows.
         kinds: what each of these is made of.
         levels: the operations.
-        cell: the row of places in what is kept step by step.
+        cell: where a row tells which cell of what is kept step by step is each environment's.
+        column: where a row tells which environments are meant.
         homes: where inputs, and values of one level that others need, are found, by identity.
         stores: what each level writes where; of several rows for a value its home is first.
         calls: what NumPy does after each level.
-        scratch: the number of scratch rows.
+        fixed, scratch: the numbers of rows of inputs and outputs, and of scratch rows.
     """
 
-    def __init__(self, stage: Stage, pitches: Mapping[str, int], in_place: bool) -> None:
+    def __init__(self, stage: Stage, pitches: Mapping[str, int], in_place: bool, some: bool) -> None:
         self.in_place, self.levels = in_place, Levels(stage.order, INSTRUCTIONS)
         self.inputs, self.outputs = list(stage.inputs), list(stage.outputs)
         self.homes: dict[int, Home] = {}
+        self.kinds = [_kind(stage, slot, node) for slot, node in stage.inputs.items()]
         for row, ((owner, _), node) in enumerate(stage.inputs.items()):
-            self.homes[id(node)] = Home(row, _kind(node), pitches.get(owner, 0))
-        self.cell = len(self.inputs)
-        if any(home.pitch for home in self.homes.values()):
-            self.inputs.append(CELL)
-        self.kinds = [self.homes[id(node)].kind for node in stage.inputs.values()]
-        self.kinds += ["i64"] * (len(self.inputs) - len(self.kinds))
-        self.kinds += [_kind(value) for value in stage.outputs.values()]
-        self.scratch = 0
+            self.homes[id(node)] = Home(row, self.kinds[row], pitches.get(owner, 0))
+        indices = [CELL] * any(home.pitch for home in self.homes.values()) + [COLUMN] * some
+        self.kinds += ["i64"] * len(indices)
+        self.inputs += indices
+        self.cell, self.column = (self._index(slot) for slot in (CELL, COLUMN))
+        self.kinds += [_kind(stage, slot, value) for slot, value in stage.outputs.items()]
+        self.fixed, self.scratch = len(self.inputs) + len(self.outputs), 0
         self.stores: list[list[tuple[Home, Value]]] = [[] for _ in self.levels]
         self.calls: list[list[Call]] = []
         for depth, level in enumerate(self.levels):
@@ -84,6 +86,9 @@ class Layout:
         for depth, home, value in written:
             self.stores[depth].append((home, value))
 
+    def _index(self, slot: Slot) -> Home | None:
+        return Home(self.inputs.index(slot), "i64") if slot in self.inputs else None
+
     def _call(self, depth: int, name: str, nodes: list[Node]) -> Call:
         call = Call(name, self.scratch, len(nodes[0].operands), len(nodes))
         for operands in zip(*(node.operands for node in nodes), strict=True):
@@ -99,11 +104,9 @@ class Layout:
 
     def _take(self, kind: str) -> Home:
         self.scratch += 1
-        return Home(len(self.inputs) + len(self.outputs) + self.scratch - 1, kind)
+        return Home(self.fixed + self.scratch - 1, kind)
 
 
-def _kind(value: Value) -> str:
-    if is_logical(value):
-        return "i8"
-    counts = value.counts if isinstance(value, Node) else isinstance(value, int)
-    return "i64" if counts else "double"
+def _kind(stage: Stage, slot: Slot, value: Value) -> str:
+    like = np.asarray(value.value if isinstance(value, Node) else value).dtype
+    return next(kind for kind, held in KINDS.items() if held == stage.kinds.get(slot[0], like))

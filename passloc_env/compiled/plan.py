@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cached_property
 from typing import Any
 
@@ -16,14 +17,16 @@ class Plan:
     """The traced stages of a scenario.
 
     Attributes:
-        stages: by name.
+        stages: by name; without an opening where that is no straight-line arithmetic.
         mirrored: slots of symmetric arrays above their diagonal, each with the slot that it repeats.
     """
 
     def __init__(self, simulation: Any) -> None:
-        self.stages: dict[str, Stage] = {name: trace(simulation, name) for name in STAGES}
-        if any(self.stages[name].guard is not None for name in STAGES if name != "sense"):
-            raise TraceError("only a sensor step may depend on what happens")
+        self.stages: dict[str, Stage] = {name: trace(simulation, name) for name in STAGES if name != "open"}
+        with suppress(TraceError):
+            self.stages["open"] = trace(simulation, "open")
+        if any(self.stages[name].guard is not None for name in ("decide", "conclude", "observe")):
+            raise TraceError("only an opening and a sensor step may depend on what happens")
         self.mirrored = self._mirrored(simulation)
         self._pitches = {f"step.{kind}": table.pitch for kind, table in simulation.noise.tables().items()}
         sense = self.stages["sense"].outputs
@@ -52,4 +55,7 @@ class Plan:
     @cached_property
     def machines(self) -> dict[str, Machine]:
         """Every stage as machine code; all but a sensor step may write where they read."""
-        return {name: Machine(stage, self._pitches, name != "sense") for name, stage in self.stages.items()}
+        return {
+            name: Machine(stage, self._pitches, in_place=name != "sense", some=name == "open")
+            for name, stage in self.stages.items()
+        }

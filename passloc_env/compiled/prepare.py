@@ -25,7 +25,7 @@ def plan_of(scenario: Any, simulate: Callable[..., Any]) -> Plan | None:
     None when its code is no straight-line arithmetic, or when the system allows no code to be made.
     """
     simulation = simulate(scenario.override({"episode.early_end": False}), 1, straight=False)
-    simulation.reset(np.arange(1), [np.random.default_rng(0)])
+    _begin(simulation, seed=0)
     for _ in range(min(_TAXI, scenario.episode.steps // scenario.episode.decision_every)):
         simulation.step(np.full((scenario.action_size, 1), 0.5))
     try:
@@ -37,15 +37,25 @@ def plan_of(scenario: Any, simulate: Callable[..., Any]) -> Plan | None:
 
 
 def _does_the_same(plan: Plan, simulation: Any) -> bool:
-    """Whether a decision flown by the plan is the one that the simulation takes by its own methods.
+    """Whether a decision and an opening flown by the plan are those that the simulation makes by its own methods.
 
-    It is not where a component keeps a memory, or draws numbers, of its own.
+    They are not where a component keeps a memory, or draws numbers, of its own.
     """
-    twin = copy.deepcopy(simulation)
-    action = np.full(simulation.action.shape, -0.25)
-    flight = Flight(plan, twin)
-    flight.step(action)
-    simulation.step(action)
-    theirs = live_arrays(twin)
-    same = all(np.array_equal(array, theirs[name], equal_nan=True) for name, array in live_arrays(simulation).items())
-    return same and np.array_equal(flight.observe(), simulation.observe())
+    flown = copy.deepcopy(simulation)
+    flown.straight, flown.flight = True, Flight(plan, flown)
+    for fly in (_decide, _begin):
+        fly(simulation)
+        fly(flown)
+        theirs = live_arrays(flown)
+        same = [np.array_equal(array, theirs[name], equal_nan=True) for name, array in live_arrays(simulation).items()]
+        if not all(same) or not np.array_equal(flown.observe(), simulation.observe()):
+            return False
+    return True
+
+
+def _decide(simulation: Any) -> None:
+    simulation.step(np.full(simulation.action.shape, -0.25))
+
+
+def _begin(simulation: Any, seed: int = 1) -> None:
+    simulation.reset(np.arange(1), [np.random.default_rng(seed)])

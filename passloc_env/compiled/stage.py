@@ -8,20 +8,23 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from passloc_env.compiled.graph import Graph, Node, TraceError, Value
 from passloc_env.compiled.traced import Traced, symbols
-from passloc_env.noise import NavigationErrors, StepNoise
+from passloc_env.noise import NavigationErrors, Opening, StepNoise
 
 Slot = tuple[str, int]
 """One number of every environment: the name of an array, and which of its rows, counted in C order."""
 
 CELL: Slot = ("argument.cell", 0)
 """Which step of which episode every environment is at, counted through: where its noise is found."""
+
+COLUMN: Slot = ("argument.column", 0)
+"""Which environments are meant where only some are."""
 
 
 @dataclass
@@ -33,16 +36,27 @@ class Stage:
         outputs: where its results go, only those that differ from what was there.
         guard: whether the graph stands for the code; None when it always does.
         order: its operations.
+        kinds: what the arrays are made of that inputs and outputs are rows of; those left out hold what is put there.
     """
 
     inputs: dict[Slot, Node]
     outputs: dict[Slot, Value]
     guard: Value | None
     order: list[Node]
+    kinds: Mapping[str, np.dtype[Any]] = field(default_factory=dict)
 
+
+OPENING = ("opening.uniforms", "opening.prior", "opening.nuisances")
+"""What chance has in store for the beginning of an episode, by name."""
 
 StageCode = Callable[[Any, dict[str, Any], StepNoise], dict[str, Traced] | None]
 """Runs a stage on a simulation of symbols, given the arguments by name; returns results that are no state."""
+
+
+def begin(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> None:
+    """Begin an episode."""
+    uniforms, prior, nuisances = (arguments[name] for name in OPENING)
+    simulation.open(np.arange(1), Opening(uniforms, prior, nuisances, noise))
 
 
 def decide(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> None:
@@ -69,7 +83,13 @@ def observe(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> dic
     return {"result.observation": simulation.realised.observation.observe(belief)}
 
 
-STAGES: dict[str, StageCode] = {"decide": decide, "sense": sense, "conclude": conclude, "observe": observe}
+STAGES: dict[str, StageCode] = {
+    "open": begin,
+    "decide": decide,
+    "sense": sense,
+    "conclude": conclude,
+    "observe": observe,
+}
 
 
 def live_arrays(simulation: Any) -> dict[str, np.ndarray]:
@@ -95,6 +115,7 @@ def trace(simulation: Any, name: str) -> Stage:
     graph = Graph()
     live, noise = live_arrays(simulation), simulation.noise_at()
     arguments = {"argument.action": simulation.action, "argument.time": simulation.time}
+    arguments |= dict(zip(OPENING, simulation.noise.opening(), strict=False))
     examples = live | noise_arrays(noise) | arguments
     known = {key: _tied(key, symbols(graph, array[..., 0])) for key, array in examples.items()}
     before = {key: array.copy() for key, array in known.items()}
@@ -113,7 +134,8 @@ def trace(simulation: Any, name: str) -> Stage:
         raise
     except Exception as error:
         raise TraceError(f"{name}: {type(error).__name__}: {error}") from error
-    return _stage(graph, before, {key: known[key] for key in live}, results or {})
+    stage = _stage(graph, before, {key: known[key] for key in live}, results or {})
+    return replace(stage, kinds={key: array.dtype for key, array in examples.items()})
 
 
 def copying(pairs: dict[Slot, Slot], values: Mapping[Slot, Value]) -> Stage:

@@ -8,9 +8,7 @@ live in the difference; platforms without them report the truth.
 
 from __future__ import annotations
 
-import numpy as np
-
-from passloc_env.arrays import Array, Number, zeros
+from passloc_env.arrays import Array, Number, zeros, zeros_for
 from passloc_env.component import Component
 from passloc_env.fields import abstract
 from passloc_env.noise import NavigationErrors
@@ -72,4 +70,7 @@ class Platform(Component):
 
 def stack(values: tuple[Number, ...], environments: int) -> Array:
     """Quantities as rows ``(k, N)``."""
-    return np.stack([np.broadcast_to(np.asarray(v, float), (environments,)) for v in values])
+    stacked = zeros_for((len(values), environments), *values)
+    for row, value in enumerate(values):
+        stacked[row] = value
+    return stacked

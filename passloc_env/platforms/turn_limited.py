@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passloc_env.angles import turned, wrap
-from passloc_env.arrays import Array, Number, blank
+from passloc_env.arrays import Array, Number, blank, numbers
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import option, quantity, vector
 from passloc_env.motion import sinc
@@ -43,7 +43,7 @@ class TurnLimitedPlatform(Platform):
 
     def start(self, environments: int) -> Array:
         """East, north, heading, turn rate, and the forward axis ``(6, N)``."""
-        heading = np.asarray(self.heading, float)
+        heading = numbers(self.heading)
         return stack((*self.position, heading, 0.0, np.sin(heading), np.cos(heading)), environments)
 
     def state_at(self, pose: Pose) -> Array:

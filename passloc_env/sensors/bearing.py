@@ -47,9 +47,9 @@ class Bearing(Sensor):
         line = scene.sightline(self.platform, self.lever_arm)
         rows = scene.empty_jacobian(1)
         east, north = line.offset[0], line.offset[1]
-        square = np.maximum(east * east + north * north, 1e-6)
-        rows[0, 0] = north / square
-        rows[0, 1] = -east / square
+        inverse = 1.0 / np.maximum(east * east + north * north, 1e-6)
+        rows[0, 0] = north * inverse
+        rows[0, 1] = -east * inverse
         return rows
 
     def noise_covariance(self) -> Array:

@@ -65,7 +65,7 @@ class Doppler(Sensor):
             rows[0, row] = 1.0 - line.range_rate / self.propagation_speed
         towards = line.direction
         rows[0, scene.layout.velocity] = scale * towards
-        rows[0, scene.layout.position] = (scale / line.range) * (line.velocity - line.range_rate * towards)
+        rows[0, scene.layout.position] = (scale * line.nearness) * (line.velocity - line.range_rate * towards)
         return rows
 
     def noise_covariance(self) -> Array:

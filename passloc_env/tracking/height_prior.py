@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, Number
+from passloc_env.arrays import Array, BoolArray, Number, numbers, zeros
 from passloc_env.distributions import extremes
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import count, quantity
@@ -67,7 +67,7 @@ class HeightPrior(Prior):
     def start(self, look: FirstLook) -> tuple[Array, Array]:
         """The fix, at rest."""
         fix = meet_height(self._origin(look), self._direction(look), self.height)
-        mean = np.zeros(look.truth.shape)
+        mean = zeros(look.truth, look.truth.shape)
         mean[look.layout.position] = fix.position
         covariance = self._spread(look, mean, fix.normal)
         heard = self._heard(look)
@@ -113,7 +113,7 @@ class HeightPrior(Prior):
 
     def _direction(self, look: FirstLook) -> Array:
         """Unit vector ``(3, N)`` of the measured direction, taken to point below the satellite."""
-        cosines = np.zeros((3, look.measurement.shape[1]))
+        cosines = zeros(look.measurement, (3, look.measurement.shape[1]))
         for index, sensor in self._interferometers(look.suite.sensors):
             cosines[sensor.axis] = look.measurement[look.suite.rows[index].start] / sensor.radians_per_cosine
         across = np.sqrt(inner(cosines, cosines))
@@ -128,7 +128,7 @@ class HeightPrior(Prior):
         jacobian = look.suite.jacobian(Scene(state, layout, look.poses))[rows]
         steep = self._steep(normal, state[layout.position] - self._origin(look))
         inverse = _inverse(np.concatenate([jacobian[:, layout.position], steep[None]]))
-        sigma = (*np.sqrt(diagonal(look.suite.noise_covariance)[rows]), np.asarray(self.height_sigma, float))
+        sigma = (*np.sqrt(diagonal(look.suite.noise_covariance)[rows]), numbers(self.height_sigma))
         position = row_gram(inverse * np.stack([np.broadcast_to(s, normal.shape[1:]) for s in sigma]))
         if layout.nuisance:
             # δp = G⁻¹ (v − H_ε ε): what a misalignment adds to the fix, it also ties to it.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passloc_env.angles import bearing_of, direction
-from passloc_env.arrays import Array, BoolArray, Number
+from passloc_env.arrays import Array, BoolArray, Number, zeros
 from passloc_env.component import Component
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import abstract, count, quantity
@@ -131,10 +131,8 @@ def polar_covariance(bearing: Array, along: Number, across: Number) -> Array:
 def blank(look: FirstLook, acceleration_sigma: Number, environments: int) -> tuple[Array, Array]:
     """Zero mean, and a covariance with only accelerations and nuisances filled in."""
     layout = look.layout
-    mean, covariance = (
-        np.zeros((layout.size, environments)),
-        np.zeros((layout.size, layout.size, environments)),
-    )
+    mean = zeros(look.truth, (layout.size, environments))
+    covariance = zeros(look.truth, (layout.size, layout.size, environments))
     for row in range(layout.acceleration.start, layout.acceleration.stop):
         covariance[row, row] = np.square(acceleration_sigma)
     for nuisance in look.nuisances:
@@ -254,7 +252,7 @@ class StatePrior(Prior):
         """Centred on the truth plus a draw from the covariance."""
         layout = look.layout
         covariance = self.at_truth(look)
-        mean = np.zeros((layout.size, covariance.shape[-1]))
+        mean = zeros(look.truth, (layout.size, covariance.shape[-1]))
         for row in range(layout.kinematic.stop):
             mean[row] = look.truth[row] + np.sqrt(covariance[row, row]) * look.normals[row]
         return mean, covariance

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, IntArray, blank
+from passloc_env.arrays import Array, BoolArray, IntArray, blank, zeros
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import parts, quantity
 from passloc_env.layout import StateLayout
@@ -168,7 +168,8 @@ class InteractingTrack(MixtureTrack):
         """Begin anew in the given environments, with every motion equally likely."""
         super().start(columns, mean, covariance, origin)
         self.weights[:, columns] = 1.0 / len(self.weights)
-        prior = Members.blank(len(mean), len(self.rows), len(columns))
+        n, size = len(mean), (len(self.rows), len(columns))
+        prior = Members.of(zeros(mean, (n, *size)), zeros(mean, (n, n, *size)))
         for member, rows in enumerate(self.rows):
             block, own = np.ix_(rows, rows), prior.covariance[:, :, member]
             diagonal(own)[...] = diagonal(covariance)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, Number
+from passloc_env.arrays import Array, Number, zeros
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import quantity, vector
 from passloc_env.linalg import diagonal
@@ -31,7 +31,7 @@ class PlacePrior(Prior):
 
     def start(self, look: FirstLook) -> tuple[Array, Array]:
         """The place."""
-        mean, covariance = np.zeros(look.truth.shape), self.at_truth(look)
+        mean, covariance = zeros(look.truth, look.truth.shape), self.at_truth(look)
         for axis, value in enumerate(self.position):
             mean[axis] = value
         return mean, covariance

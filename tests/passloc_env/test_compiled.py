@@ -199,6 +199,28 @@ def test_a_branch_becomes_a_guard(environments: int) -> None:
     assert simulations[0].flight.repeated > 0
 
 
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_some_begin_anew_as_their_methods_say(name: str) -> None:
+    simulations = pair(SCENARIOS[name].override({"episode.early_end": False}), 7)
+    for columns in ([4], [0, 5, 6], [3, 1], list(range(7))):
+        fly(simulations, 1)
+        for simulation in simulations:
+            generators = [np.random.default_rng([column, 5]) for column in columns]
+            simulation.reset(np.array(columns), generators)
+        assert_same(*simulations)
+
+
+def test_openings_are_flown(monkeypatch) -> None:
+    """All of them, in a batch that takes its environments in chunks, the last of these in part."""
+    flown, by_methods = pair(DOPPLER, 1500)
+    monkeypatch.setattr(Simulation, "open", None)
+    columns = np.arange(1400)[::-1]
+    for simulation in (flown, by_methods):
+        monkeypatch.undo() if simulation is by_methods else None
+        simulation.reset(columns, [np.random.default_rng([column, 5]) for column in columns])
+    assert_same(flown, by_methods)
+
+
 def test_clones_fly_on_their_own() -> None:
     flown, _ = pair(DOPPLER, 3)
     flown.step(np.zeros((1, 3)))
