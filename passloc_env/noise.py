@@ -89,7 +89,12 @@ class StepTable(NamedTuple):
 
 
 class EpisodeNoise:
-    """The noise of a batch of episodes. Measurement noise ``k`` belongs to time ``k``; 0 is the first look."""
+    """The noise of a batch of episodes. Measurement noise ``k`` belongs to time ``k``; 0 is the first look.
+
+    Attributes:
+        uniforms, prior, nuisances: see :class:`Opening`, of all environments.
+        first_cells: where each environment's steps begin among all, for :meth:`tables`; step ``k`` is ``k`` further.
+    """
 
     def __init__(self, sizes: NoiseSizes, environments: int) -> None:
         self._sizes = sizes
@@ -105,7 +110,7 @@ class EpisodeNoise:
         self._fresh_errors: Array = np.zeros((environments, sizes.steps + 1, fresh))
         self._uniform = list(sizes.uniform)
         self._rows = np.arange(environments)
-        self._first_cells = self._rows * (sizes.steps + 1)
+        self.first_cells = self._rows * (sizes.steps + 1)
         self._bits = np.random.PCG64(0)
         self._generator = np.random.Generator(self._bits)
 
@@ -162,11 +167,6 @@ class EpisodeNoise:
             tables[f"fresh.{platform}"] = StepTable(fresh[first:], self._fresh_errors.shape[-1])
             first += renewed
         return tables
-
-    def cells(self, step: IntArray, out: IntArray) -> None:
-        """Which step ``(N,)`` of all that the batch has is each environment's own, for :meth:`tables`."""
-        np.minimum(step, self._sizes.steps, out=out)
-        np.add(out, self._first_cells, out=out)
 
     def measurement(self, step: IntArray, columns: IntArray | slice = slice(None)) -> Array:
         """Errors ``(m, k)`` of the measurement at step ``(N,)``, in some environments; uncorrelated, unit variance."""

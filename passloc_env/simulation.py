@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, IntArray, zeros
+from passloc_env.arrays import Array, BoolArray, IntArray, lasting, lasting_copy, zeros
 from passloc_env.belief import Belief
 from passloc_env.compiled.flight import Flight
 from passloc_env.compiled.prepare import plan_of
@@ -58,8 +58,8 @@ class Simulation:
         self.information = Information(self.models.bound.dynamics, environments)
 
         n = environments
-        self.truth: Array = np.zeros((self.models.truth.layout.size, n))
-        self.platform_states = [platform.start(n) + 0.0 for platform in self.realised.platforms]
+        self.truth: Array = lasting((self.models.truth.layout.size, n))
+        self.platform_states = [lasting_copy(platform.start(n)) for platform in self.realised.platforms]
         self._set_points: list[Array] = [np.zeros((p.set_points, n)) for p in self.realised.platforms]
         self.action: Array = np.zeros((scenario.action_size, n))
         self.step_count: IntArray = np.zeros(n, np.int64)

@@ -29,22 +29,34 @@ class Levels(list[Level]):
     """
 
     def __init__(self, order: list[Node], plain: Container[str]) -> None:
-        super().__init__([Level()])
+        super().__init__()
         self._plain = plain
         self._depth: dict[int, int] = {}
         for node in order:
-            depth = max((self.ready(operand) for operand in node.operands), default=0)
-            self._depth[id(node)] = depth
-            while len(self) <= depth:
-                self.append(Level())
+            self._depth[id(node)] = max((self.ready(operand) for operand in node.operands), default=0)
+        self._defer(order)
+        self += [Level() for _ in range(1 + max((self.ready(node) for node in order), default=0))]
+        for node in order:
+            level = self[self._depth[id(node)]]
             if node.name in plain:
-                self[depth].plain.append(node)
+                level.plain.append(node)
             else:
-                self[depth].called.setdefault(node.name, []).append(node)
-        while any(self.ready(node) == len(self) for node in order):
-            self.append(Level())
+                level.called.setdefault(node.name, []).append(node)
 
     def ready(self, value: Value) -> int:
         """The first level whose arithmetic may use a value."""
         depth = self._depth.get(id(value)) if isinstance(value, Node) else None
         return 0 if depth is None else depth + (value.name not in self._plain)
+
+    def _defer(self, order: list[Node]) -> None:
+        """Let what needs inputs alone wait until somebody needs it: inputs are at hand in every level.
+
+        A value that waits need not be put away and fetched again in between.
+        """
+        needed: dict[int, int] = {}
+        for node in reversed(order):
+            depth = self._depth[id(node)]
+            if depth == 0 and node.name in self._plain:
+                self._depth[id(node)] = depth = needed.get(id(node), 0)
+            for operand in node.operands:
+                needed[id(operand)] = min(depth, needed.get(id(operand), depth))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.angles import turned, wrap
+from passloc_env.angles import sine_cosine, turned, wrap
 from passloc_env.arrays import Array, Number, blank, numbers
 from passloc_env.errors import ScenarioError
 from passloc_env.fields import option, quantity, vector
@@ -80,7 +80,7 @@ class TurnLimitedPlatform(Platform):
         if self.control == "turn_rate":
             rate = set_point[0]
             turn, straight = rate * period, 0.0
-            sine, cosine = np.sin(0.5 * turn), np.cos(0.5 * turn)
+            sine, cosine = sine_cosine(0.5 * turn)
             chord = period * sinc(0.5 * turn)
         else:
             limit = self.max_turn_rate * period
@@ -88,7 +88,7 @@ class TurnLimitedPlatform(Platform):
             size = np.abs(turn)
             rate = np.where(size < limit, 0.0, turn / period)
             straight = period - size / self.max_turn_rate
-            sine, cosine = np.sin(0.5 * turn), np.cos(0.5 * turn)
+            sine, cosine = sine_cosine(0.5 * turn)
             chord = (2.0 / self.max_turn_rate) * np.abs(sine)
         middle = turned(state[4:], sine, cosine)
         forward = turned(middle, sine, cosine)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.arrays import Array, BoolArray, IntArray, lasting
 from passloc_env.linalg import tree_sum
 from passloc_env.tracking.tracker import Models, Track
 
@@ -41,7 +41,7 @@ class Members:
     @classmethod
     def blank(cls, states: int, members: int, environments: int) -> Members:
         """All zero."""
-        return cls.of(np.zeros((states, members, environments)), np.zeros((states, states, members, environments)))
+        return cls.of(lasting((states, members, environments)), lasting((states, states, members, environments)))
 
     @classmethod
     def of(cls, mean: Array, covariance: Array) -> Members:

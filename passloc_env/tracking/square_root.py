@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, IntArray, blank, zeros
+from passloc_env.arrays import Array, BoolArray, IntArray, blank, lasting, zeros
 from passloc_env.linalg import cholesky, diagonal, mend, solve_lower, transpose, tree_sum
 from passloc_env.platforms import Pose
 from passloc_env.sightline import Scene
@@ -55,7 +55,7 @@ class SquareRootTrack(Track):
     def __init__(self, filter_: SquareRootKalman, models: Models, environments: int) -> None:
         super().__init__(models, environments)
         n = models.layout.size
-        self.root: Array = np.zeros((n, n, environments))
+        self.root: Array = lasting((n, n, environments))
         self._spread = check_spread(filter_.alpha, filter_.kappa, n)
         self._weight = 0.5 / self._spread
         # w Σ (d − tμ)(d − tμ)ᵀ = w Σ d dᵀ + (rt² − 2t) μ μᵀ, and the filter's coefficient of μ μᵀ is β − α².

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.arrays import Array, BoolArray, IntArray, lasting
 from passloc_env.component import Component
 from passloc_env.dynamics import Dynamics
 from passloc_env.fields import abstract
@@ -56,8 +56,8 @@ class Track:
     def __init__(self, models: Models, environments: int) -> None:
         self.models = models
         n = models.layout.size
-        self.mean: Array = np.zeros((n, environments))
-        self.covariance: Array = np.zeros((n, n, environments))
+        self.mean: Array = lasting((n, environments))
+        self.covariance: Array = lasting((n, n, environments))
         self.nis: Array = np.zeros(environments)
         self.repairs: IntArray = np.zeros(environments, np.int64)
 

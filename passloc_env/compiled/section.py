@@ -1,0 +1,149 @@
+"""A section of a flight: neighbouring environments whose rows fit into the cache together.
+
+A sensor step reads the state from one set of rows and writes it to another, and the sets change places. So nothing is
+lost where a guard does not hold: the step is done again by the simulation's own methods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from passloc_env.arrays import lasting
+from passloc_env.compiled.plan import Plan
+from passloc_env.compiled.stage import CELL, COLUMN, Slot, live_arrays
+
+
+class Workspace:
+    """What a section needs while it flies, and the next one after it: it stays in the cache.
+
+    Args:
+        plan: what is flown.
+        environments: of the largest section.
+        kinds: the rows that a sensor step writes, and what they are made of.
+    """
+
+    def __init__(self, plan: Plan, environments: int, kinds: Mapping[Slot, np.dtype[Any]]) -> None:
+        self._scratch = lasting((max(machine.scratch for machine in plan.machines.values()), environments))
+        self._spare, self._kinds = lasting((len(kinds), environments)), kinds
+        self._time, self._indices = np.zeros(environments), np.zeros((2, environments), np.int64)
+
+    def scratch(self, environments: int) -> np.ndarray:
+        """Scratch rows ``(k, N)``."""
+        return self._scratch[:, :environments]
+
+    def spare(self, environments: int) -> dict[Slot, np.ndarray]:
+        """The other set of rows ``(N,)``."""
+        pairs = zip(self._kinds.items(), self._spare, strict=True)
+        return {slot: row.view(kind)[:environments] for (slot, kind), row in pairs}
+
+    def arguments(self, environments: int) -> dict[Slot, np.ndarray]:
+        """Rows ``(N,)`` for what a stage is told."""
+        rows = {("argument.time", 0): self._time, CELL: self._indices[0], COLUMN: self._indices[1]}
+        return {slot: row[:environments] for slot, row in rows.items()}
+
+
+class Section:
+    """Environments ``part`` of a simulation.
+
+    Args:
+        plan: what is flown.
+        simulation: the whole.
+        part: which of its environments.
+        rows: the section's rows by slot.
+        workspace: shared with other sections, of which one flies at a time.
+
+    Attributes:
+        detected: which scalars ``(m, N)`` the simulation's own methods measured in the last sensor step, where they
+            made it and not all were.
+    """
+
+    def __init__(
+        self, plan: Plan, simulation: Any, part: slice, rows: Mapping[Slot, np.ndarray], workspace: Workspace
+    ) -> None:
+        size = part.stop - part.start
+        self._simulation, self.part = simulation, part
+        self.detected: np.ndarray | None = None
+        self._by_methods: Any = None
+        self._step_count = simulation.step_count[part]
+        self._first_cells = simulation.noise.first_cells[part]
+        self._episode = simulation.scenario.episode
+        arguments, scratch = workspace.arguments(size), workspace.scratch(size)
+        self._time, self._cell, self._columns = arguments.values()
+        here = {**rows, **arguments}
+        there = {**here, **workspace.spare(size)}
+        machines = plan.machines
+        self._sense = machines["sense"](here, there, scratch), machines["sense"](there, here, scratch)
+        self._back = machines["back"](there, here, scratch)
+        self._open = machines["open"](here, here, scratch) if "open" in machines else None
+        self._decide, self._mirror, self._conclude, self._observe = (
+            machines[name](here, here, scratch) for name in ("decide", "mirror", "conclude", "observe")
+        )
+        self._there = False
+
+    def open(self, columns: np.ndarray) -> bool:
+        """Begin new episodes in some environments, counted from the section's first; false where methods must."""
+        if self._open is None:
+            return False
+        self._columns[: len(columns)] = columns
+        self._step_count[columns] = 0
+        self._look_at_clock()
+        return self._open.first(len(columns))
+
+    def decide(self) -> None:
+        """Take the action."""
+        self._look_at_clock()
+        self._decide()
+
+    def sense(self) -> bool:
+        """One sensor step; false where it had to be done by the simulation's own methods."""
+        np.multiply(self._step_count, self._episode.period, out=self._time)
+        self._step_count += 1
+        self._look_up_noise()
+        done = self._sense[self._there]()
+        if done:
+            self._there, self.detected = not self._there, None
+        else:
+            self.land()
+            self._repeat()
+        return done
+
+    def land(self) -> None:
+        """Bring the state to where everybody looks for it."""
+        if self._there:
+            self._back()
+            self._there = False
+        self._mirror()
+
+    def conclude(self) -> None:
+        """Average the decision's reward and raise the flags."""
+        self._conclude()
+
+    def observe(self) -> None:
+        """Write the observation."""
+        self._look_at_clock()
+        self._observe()
+
+    def _look_at_clock(self) -> None:
+        """Let time and noise be those of the present step."""
+        np.multiply(self._step_count, self._episode.period, out=self._time)
+        self._look_up_noise()
+
+    def _look_up_noise(self) -> None:
+        np.minimum(self._step_count, self._episode.steps, out=self._cell)
+        np.add(self._cell, self._first_cells, out=self._cell)
+
+    def _repeat(self) -> None:
+        """Let a simulation of these environments alone make the step by its methods."""
+        whole = self._simulation
+        if self._by_methods is None:
+            self._by_methods = type(whole)(whole.scenario, self.part.stop - self.part.start, straight=False)
+        alone = self._by_methods
+        alone.restore({name: array[..., self.part] for name, array in whole.state_arrays().items()})
+        alone.sense(self._time.copy(), alone.noise_at())
+        theirs = live_arrays(alone)
+        for name, array in live_arrays(whole).items():
+            array[..., self.part] = theirs[name]
+        self.detected = alone.detected
