@@ -116,30 +116,30 @@ class EpisodeNoise:
 
     def draw(self, column: int, generator: np.random.Generator) -> None:
         """Draw a whole episode for one environment; takes one block of words from its generator."""
-        words = _words(generator, 4 * _KINDS).tolist()
-        keys = [words[first : first + 4] for first in range(0, len(words), 4)]
-        self.uniforms[:, column] = self._stream(keys[_QUANTITIES]).random(self._sizes.uniforms)
+        keys = _words(generator, 4 * _KINDS).tolist()
+        self.uniforms[:, column] = self._stream(keys, _QUANTITIES).random(self._sizes.uniforms)
         if self._sizes.prior:
-            self.prior[:, column] = self._stream(keys[_PRIOR]).standard_normal(self._sizes.prior)
+            self.prior[:, column] = self._stream(keys, _PRIOR).standard_normal(self._sizes.prior)
         if self._sizes.nuisances:
-            self.nuisances[:, column] = self._stream(keys[_NUISANCES]).standard_normal(self._sizes.nuisances)
-        self._stream(keys[_MEASUREMENT]).standard_normal(out=self._measurement[column])
+            self.nuisances[:, column] = self._stream(keys, _NUISANCES).standard_normal(self._sizes.nuisances)
+        self._stream(keys, _MEASUREMENT).standard_normal(out=self._measurement[column])
         if self._uniform:
-            uniforms = self._stream(keys[_UNIFORM]).random((self._sizes.steps + 1, len(self._uniform)))
+            uniforms = self._stream(keys, _UNIFORM).random((self._sizes.steps + 1, len(self._uniform)))
             self._measurement[column][:, self._uniform] = math.sqrt(12.0) * (uniforms - 0.5)
         if self._sizes.process:
-            self._stream(keys[_PROCESS]).standard_normal(out=self._process[column, 1:])
+            self._stream(keys, _PROCESS).standard_normal(out=self._process[column, 1:])
         if self._sizes.detection:
-            self._stream(keys[_DETECTION]).random(out=self._detection[column])
+            self._stream(keys, _DETECTION).random(out=self._detection[column])
 
         if len(self._constant_errors) or self._fresh_errors.shape[-1]:
-            stream = self._stream(keys[_NAVIGATION])
+            stream = self._stream(keys, _NAVIGATION)
             self._constant_errors[:, column] = stream.standard_normal(len(self._constant_errors))
             stream.standard_normal(out=self._fresh_errors[column])
 
-    def _stream(self, key: list[int]) -> np.random.Generator:
-        """The stream of a key of four words: one generator, set anew, for building one costs more than its draws."""
-        state = {"state": key[0] << 64 | key[1], "inc": key[2] << 64 | key[3] | 1}
+    def _stream(self, keys: list[int], kind: int) -> np.random.Generator:
+        """The stream of a kind of noise: one generator, set anew, for building one costs more than its draws."""
+        high, low, odd, even = keys[4 * kind : 4 * kind + 4]
+        state = {"state": high << 64 | low, "inc": odd << 64 | even | 1}
         whole: Any = {"bit_generator": "PCG64", "state": state, "has_uint32": 0, "uinteger": 0}
         self._bits.state = whole
         return self._generator

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from passloc_env.compiled.machine import Run
 from passloc_env.compiled.plan import Plan
 from passloc_env.compiled.section import Section, Workspace
-from passloc_env.compiled.stage import OPENING, Slot, live_arrays
+from passloc_env.compiled.stage import CELL, COLUMN, OPENING, Slot, live_arrays
 
 _TOGETHER = 512
 """Environments of a section at most: the rows that it needs take less than the cache of a processor's core holds."""
@@ -36,22 +37,35 @@ class Flight:
         count = -(-environments // _TOGETHER)
         edges = [environments * index // count for index in range(count + 1)]
         written = {slot: live[slot[0]].dtype for slot in plan.stages["sense"].outputs if slot[0] in live}
-        workspace = Workspace(plan, -(-environments // count), written)
-        self._edges = edges[1:-1]
+        largest = -(-environments // count)
+        self._columns = np.zeros(largest, np.int64)
+        workspace = Workspace(plan, largest, written)
+        noise = _noise_rows(simulation.noise)
+        self._open = self._opening(plan, rows | noise, workspace)
         self._sections = []
         for first, last in pairwise(edges):
-            own = {slot: row[first:last] for slot, row in rows.items()} | _noise_rows(simulation.noise)
+            own = {slot: row[first:last] for slot, row in rows.items()} | noise
             self._sections.append(Section(plan, simulation, slice(first, last), own, workspace))
+
+    def _opening(self, plan: Plan, rows: dict[Slot, np.ndarray], workspace: Workspace) -> Run | None:
+        """What begins new episodes, in so many environments at once as a section has; None where methods must."""
+        if "open" not in plan.machines:
+            return None
+        # Every episode begins in its first cell, at no time.
+        given = {CELL: self._simulation.noise.first_cells, COLUMN: self._columns}
+        here = {**rows, **given, ("argument.time", 0): np.zeros(self._simulation.environments)}
+        return plan.machines["open"](here, here, workspace.scratch(len(self._columns)))
 
     def open(self, columns: np.ndarray) -> bool:
         """Begin new episodes in some environments; false where the simulation's own methods must."""
-        where = np.searchsorted(self._edges, columns, side="right")
-        opened = [self._open(index, columns[where == index]) for index in np.unique(where)]
-        return all(opened)
-
-    def _open(self, index: int, columns: np.ndarray) -> bool:
-        section = self._sections[index]
-        return section.open(columns - section.part.start)
+        if self._open is None:
+            return False
+        met = True
+        for first in range(0, len(columns), len(self._columns)):
+            some = columns[first : first + len(self._columns)]
+            self._columns[: len(some)] = some
+            met &= self._open.first(len(some))
+        return met
 
     def step(self, action: np.ndarray) -> None:
         """One decision."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from passloc_env.arrays import lasting
 from passloc_env.compiled.plan import Plan
-from passloc_env.compiled.stage import CELL, COLUMN, Slot, live_arrays
+from passloc_env.compiled.stage import CELL, Slot, live_arrays
 
 
 class Workspace:
@@ -28,7 +28,7 @@ class Workspace:
     def __init__(self, plan: Plan, environments: int, kinds: Mapping[Slot, np.dtype[Any]]) -> None:
         self._scratch = lasting((max(machine.scratch for machine in plan.machines.values()), environments))
         self._spare, self._kinds = lasting((len(kinds), environments)), kinds
-        self._time, self._indices = np.zeros(environments), np.zeros((2, environments), np.int64)
+        self._time, self._cell = np.zeros(environments), np.zeros(environments, np.int64)
 
     def scratch(self, environments: int) -> np.ndarray:
         """Scratch rows ``(k, N)``."""
@@ -41,7 +41,7 @@ class Workspace:
 
     def arguments(self, environments: int) -> dict[Slot, np.ndarray]:
         """Rows ``(N,)`` for what a stage is told."""
-        rows = {("argument.time", 0): self._time, CELL: self._indices[0], COLUMN: self._indices[1]}
+        rows = {("argument.time", 0): self._time, CELL: self._cell}
         return {slot: row[:environments] for slot, row in rows.items()}
 
 
@@ -71,26 +71,16 @@ class Section:
         self._first_cells = simulation.noise.first_cells[part]
         self._episode = simulation.scenario.episode
         arguments, scratch = workspace.arguments(size), workspace.scratch(size)
-        self._time, self._cell, self._columns = arguments.values()
+        self._time, self._cell = arguments.values()
         here = {**rows, **arguments}
         there = {**here, **workspace.spare(size)}
         machines = plan.machines
         self._sense = machines["sense"](here, there, scratch), machines["sense"](there, here, scratch)
         self._back = machines["back"](there, here, scratch)
-        self._open = machines["open"](here, here, scratch) if "open" in machines else None
         self._decide, self._mirror, self._conclude, self._observe = (
             machines[name](here, here, scratch) for name in ("decide", "mirror", "conclude", "observe")
         )
         self._there = False
-
-    def open(self, columns: np.ndarray) -> bool:
-        """Begin new episodes in some environments, counted from the section's first; false where methods must."""
-        if self._open is None:
-            return False
-        self._columns[: len(columns)] = columns
-        self._step_count[columns] = 0
-        self._look_at_clock()
-        return self._open.first(len(columns))
 
     def decide(self) -> None:
         """Take the action."""
