@@ -81,7 +81,8 @@ class Simulation:
                 return
             self.decide(action, self.noise_at())
             for _ in range(self.scenario.episode.decision_every):
-                self._advance()
+                self.advance()
+                self.tell()
             self.conclude()
 
     def _prepared_flight(self) -> Flight | None:
@@ -97,12 +98,11 @@ class Simulation:
         """Everything but the flight: it is bound to these very arrays, and made anew where it is needed."""
         return {**self.__dict__, "flight": None}
 
-    def _advance(self) -> None:
-        """One sensor step, and whoever watches it."""
+    def advance(self, noise: StepNoise | None = None) -> None:
+        """One sensor step, with the noise that is its own unless another is given."""
         time = self.time
         self.step_count += 1
-        self.sense(time, self.noise_at())
-        self.tell()
+        self.sense(time, self.noise_at() if noise is None else noise)
 
     def tell(self) -> None:
         """Call whoever watches."""

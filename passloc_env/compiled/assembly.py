@@ -41,7 +41,7 @@ class _Loop:
         for home, value in stores:
             ready.setdefault(id(value), []).append((home, value))
         for node in level.plain:
-            self._names[id(node)] = self._writer.apply(node, [self._name(operand) for operand in node.operands])
+            self._names[id(node)] = self._result(node, [self._name(operand) for operand in node.operands])
             if not late:
                 self._store(ready.pop(id(node), []))
         self._store([store for group in ready.values() for store in group])
@@ -69,6 +69,12 @@ class _Loop:
         for name, home, value in named:
             self._writer.store(name, is_logical(value), self._place(home))
 
+    def _result(self, node: Node, operands: list[str]) -> str:
+        table, first = self._layout.tables.get(id(node)), self._layout.first
+        if table is None or first is None:
+            return self._writer.apply(node, operands)
+        return self._writer.look_up(self._row(table.row), table.pitch, self._place(first), operands[0])
+
     def _place(self, home: Home) -> Place:
         """Where a row is read or written: of scratch rows the next entries, of the others those that are meant."""
         fixed = home.row < self._layout.fixed
@@ -82,13 +88,7 @@ class _Loop:
         if not isinstance(value, Node):
             return self._writer.constant(value)
         if id(value) not in self._names:
-            home = self._layout.homes[id(value)]
-            if home.pitch:
-                assert self._layout.cell is not None
-                cells = self._place(self._layout.cell)
-                self._names[id(value)] = self._writer.gather(self._row(home.row), cells, home.pitch)
-            else:
-                self._names[id(value)] = self._writer.load(self._place(home), value.logical)
+            self._names[id(value)] = self._writer.load(self._place(self._layout.homes[id(value)]), value.logical)
         return self._names[id(value)]
 
 

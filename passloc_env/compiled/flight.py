@@ -10,7 +10,7 @@ import numpy as np
 from passloc_env.compiled.machine import Run
 from passloc_env.compiled.plan import Plan
 from passloc_env.compiled.section import Section, Workspace
-from passloc_env.compiled.stage import CELL, COLUMN, OPENING, Slot, live_arrays
+from passloc_env.compiled.stage import COLUMN, FIRST, OPENING, Slot, live_arrays
 
 _TOGETHER = 512
 """Environments of a section at most: the rows that it needs take less than the cache of a processor's core holds."""
@@ -32,7 +32,8 @@ class Flight:
         live = live_arrays(simulation)
         rows = _rows({**live, **results, "argument.action": self._action})
         rows |= _rows(dict(zip(OPENING, simulation.noise.opening(), strict=False)))
-        rows |= _rows({f"step.constant.{index}": errors for index, errors in enumerate(simulation.noise.constants())})
+        rows |= _rows({FIRST[0]: simulation.noise.first_cells})
+        rows |= _rows({f"constant.{index}": errors for index, errors in enumerate(simulation.noise.constants())})
 
         count = -(-environments // _TOGETHER)
         edges = [environments * index // count for index in range(count + 1)]
@@ -51,9 +52,7 @@ class Flight:
         """What begins new episodes, in so many environments at once as a section has; None where methods must."""
         if "open" not in plan.machines:
             return None
-        # Every episode begins in its first cell, at no time.
-        given = {CELL: self._simulation.noise.first_cells, COLUMN: self._columns}
-        here = {**rows, **given, ("argument.time", 0): np.zeros(self._simulation.environments)}
+        here = {**rows, COLUMN: self._columns}
         return plan.machines["open"](here, here, workspace.scratch(len(self._columns)))
 
     def open(self, columns: np.ndarray) -> bool:

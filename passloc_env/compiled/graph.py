@@ -20,6 +20,10 @@ _COMMUTATIVE = {"add", "multiply"}
 """Operations whose operands may be exchanged to the last bit."""
 
 
+DRAWN = "drawn"
+"""Name of the operation that looks up the noise of a step."""
+
+
 class TraceError(Exception):
     """The code does something that straight-line arithmetic cannot express."""
 
@@ -48,6 +52,20 @@ class Node:
 
     def __float__(self) -> float:
         raise TraceError("a number is asked for where only a symbol exists")
+
+
+class Drawn(Node):
+    """A number that was drawn for a step of an episode; its operand is the step.
+
+    Attributes:
+        slot: which of the numbers that were drawn for each step.
+    """
+
+    __slots__ = ("slot",)
+
+    def __init__(self, graph: Graph, slot: tuple[str, int], step: Value, value: float) -> None:
+        super().__init__(graph, DRAWN, (step,), value)
+        self.slot = slot
 
 
 class Guard(NamedTuple):

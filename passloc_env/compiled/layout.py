@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from passloc_env.compiled.graph import Node, Value
+from passloc_env.compiled.graph import DRAWN, Drawn, Node, Value
 from passloc_env.compiled.instructions import INSTRUCTIONS
 from passloc_env.compiled.levels import Levels
-from passloc_env.compiled.stage import CELL, COLUMN, Slot, Stage
+from passloc_env.compiled.stage import COLUMN, FIRST, Slot, Stage
 
 KINDS = {"double": np.dtype(float), "i64": np.dtype(np.int64), "i8": np.dtype(bool)}
 """What rows are made of, as LLVM calls it and as NumPy does."""
@@ -26,11 +26,17 @@ class Call(NamedTuple):
 
 
 class Home(NamedTuple):
-    """A row where a value is found; with a ``pitch`` each environment's number is at its cell times the pitch."""
+    """A row where a value is found."""
 
     row: int
     kind: str
-    pitch: int = 0
+
+
+class Table(NamedTuple):
+    """A row that holds what was drawn for all steps of all environments, so many numbers for each."""
+
+    row: int
+    pitch: int
 
 
 class Layout:
@@ -38,7 +44,7 @@ class Layout:
 
     Args:
         stage: what to compute.
-        pitches: owners of inputs that are kept step by step, and the numbers of a step.
+        pitches: how many numbers are drawn for each step, by owner.
         in_place: whether outputs may be written to the very rows of the inputs.
         some: whether only some environments are meant, which a row of indices names.
 
@@ -47,7 +53,8 @@ class Layout:
         inputs, outputs: the slots of the first rows.
         kinds: what each of these is made of.
         levels: the operations.
-        cell: where a row tells which cell of what is kept step by step is each environment's.
+        tables: where numbers that were drawn are looked up, by identity.
+        first: where a row tells in which of a table's steps each environment's begin.
         column: where a row tells which environments are meant.
         homes: where inputs, and values of one level that others need, are found, by identity.
         stores: what each level writes where; of several rows for a value its home is first.
@@ -56,16 +63,16 @@ class Layout:
     """
 
     def __init__(self, stage: Stage, pitches: Mapping[str, int], in_place: bool, some: bool) -> None:
-        self.in_place, self.levels = in_place, Levels(stage.order, INSTRUCTIONS)
+        self.in_place, self.levels = in_place, Levels(stage.order, {*INSTRUCTIONS, DRAWN})
         self.inputs, self.outputs = list(stage.inputs), list(stage.outputs)
-        self.homes: dict[int, Home] = {}
         self.kinds = [_kind(stage, slot, node) for slot, node in stage.inputs.items()]
-        for row, ((owner, _), node) in enumerate(stage.inputs.items()):
-            self.homes[id(node)] = Home(row, self.kinds[row], pitches.get(owner, 0))
-        indices = [CELL] * any(home.pitch for home in self.homes.values()) + [COLUMN] * some
-        self.kinds += ["i64"] * len(indices)
-        self.inputs += indices
-        self.cell, self.column = (self._index(slot) for slot in (CELL, COLUMN))
+        self.homes = {id(node): Home(row, self.kinds[row]) for row, node in enumerate(stage.inputs.values())}
+        drawn = [node for node in stage.order if isinstance(node, Drawn)]
+        self.tables: dict[int, Table] = {}
+        for node in drawn:
+            self.tables[id(node)] = Table(self._input(node.slot, "double").row, pitches[node.slot[0]])
+        self.first = self._input(FIRST, "i64") if drawn else None
+        self.column = self._input(COLUMN, "i64") if some else None
         self.kinds += [_kind(stage, slot, value) for slot, value in stage.outputs.items()]
         self.fixed, self.scratch = len(self.inputs) + len(self.outputs), 0
         self.stores: list[list[tuple[Home, Value]]] = [[] for _ in self.levels]
@@ -86,8 +93,10 @@ class Layout:
         for depth, home, value in written:
             self.stores[depth].append((home, value))
 
-    def _index(self, slot: Slot) -> Home | None:
-        return Home(self.inputs.index(slot), "i64") if slot in self.inputs else None
+    def _input(self, slot: Slot, kind: str) -> Home:
+        self.inputs.append(slot)
+        self.kinds.append(kind)
+        return Home(len(self.inputs) - 1, kind)
 
     def _call(self, depth: int, name: str, nodes: list[Node]) -> Call:
         call = Call(name, self.scratch, len(nodes[0].operands), len(nodes))

@@ -25,7 +25,7 @@ class Machine:
 
     Args:
         stage: what to compute.
-        pitches: owners of inputs that are kept step by step, and the numbers of a step.
+        pitches: how many numbers are drawn for each step, by owner.
         in_place: whether outputs may be written to the very rows of the inputs.
         some: whether only some environments are meant, which a row of indices names.
         lanes: how many environments at once; as many as the processor has room for by default.
@@ -56,8 +56,8 @@ class Machine:
         """What runs the stage on these very rows.
 
         Args:
-            inputs: contiguous rows ``(N,)``; of what is kept step by step all numbers, from the one on that is meant in
-                the first cell.
+            inputs: contiguous rows ``(N,)``; of what was drawn for every step all numbers, from the one on that is
+                meant in the first step of all.
             outputs: contiguous rows ``(N,)``.
             scratch: rows ``(≥ scratch, N)`` that nobody else uses meanwhile.
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from passloc_env.arrays import lasting
 from passloc_env.compiled.plan import Plan
-from passloc_env.compiled.stage import CELL, Slot, live_arrays
+from passloc_env.compiled.stage import Slot, live_arrays
 
 
 class Workspace:
@@ -28,7 +28,6 @@ class Workspace:
     def __init__(self, plan: Plan, environments: int, kinds: Mapping[Slot, np.dtype[Any]]) -> None:
         self._scratch = lasting((max(machine.scratch for machine in plan.machines.values()), environments))
         self._spare, self._kinds = lasting((len(kinds), environments)), kinds
-        self._time, self._cell = np.zeros(environments), np.zeros(environments, np.int64)
 
     def scratch(self, environments: int) -> np.ndarray:
         """Scratch rows ``(k, N)``."""
@@ -38,11 +37,6 @@ class Workspace:
         """The other set of rows ``(N,)``."""
         pairs = zip(self._kinds.items(), self._spare, strict=True)
         return {slot: row.view(kind)[:environments] for (slot, kind), row in pairs}
-
-    def arguments(self, environments: int) -> dict[Slot, np.ndarray]:
-        """Rows ``(N,)`` for what a stage is told."""
-        rows = {("argument.time", 0): self._time, CELL: self._cell}
-        return {slot: row[:environments] for slot, row in rows.items()}
 
 
 class Section:
@@ -56,6 +50,7 @@ class Section:
         workspace: shared with other sections, of which one flies at a time.
 
     Attributes:
+        decide, conclude, observe: run the stages of these names.
         detected: which scalars ``(m, N)`` the simulation's own methods measured in the last sensor step, where they
             made it and not all were.
     """
@@ -67,31 +62,18 @@ class Section:
         self._simulation, self.part = simulation, part
         self.detected: np.ndarray | None = None
         self._by_methods: Any = None
-        self._step_count = simulation.step_count[part]
-        self._first_cells = simulation.noise.first_cells[part]
-        self._episode = simulation.scenario.episode
-        arguments, scratch = workspace.arguments(size), workspace.scratch(size)
-        self._time, self._cell = arguments.values()
-        here = {**rows, **arguments}
-        there = {**here, **workspace.spare(size)}
+        scratch = workspace.scratch(size)
+        here, there = rows, {**rows, **workspace.spare(size)}
         machines = plan.machines
         self._sense = machines["sense"](here, there, scratch), machines["sense"](there, here, scratch)
         self._back = machines["back"](there, here, scratch)
-        self._decide, self._mirror, self._conclude, self._observe = (
+        self.decide, self._mirror, self.conclude, self.observe = (
             machines[name](here, here, scratch) for name in ("decide", "mirror", "conclude", "observe")
         )
         self._there = False
 
-    def decide(self) -> None:
-        """Take the action."""
-        self._look_at_clock()
-        self._decide()
-
     def sense(self) -> bool:
         """One sensor step; false where it had to be done by the simulation's own methods."""
-        np.multiply(self._step_count, self._episode.period, out=self._time)
-        self._step_count += 1
-        self._look_up_noise()
         done = self._sense[self._there]()
         if done:
             self._there, self.detected = not self._there, None
@@ -107,24 +89,6 @@ class Section:
             self._there = False
         self._mirror()
 
-    def conclude(self) -> None:
-        """Average the decision's reward and raise the flags."""
-        self._conclude()
-
-    def observe(self) -> None:
-        """Write the observation."""
-        self._look_at_clock()
-        self._observe()
-
-    def _look_at_clock(self) -> None:
-        """Let time and noise be those of the present step."""
-        np.multiply(self._step_count, self._episode.period, out=self._time)
-        self._look_up_noise()
-
-    def _look_up_noise(self) -> None:
-        np.minimum(self._step_count, self._episode.steps, out=self._cell)
-        np.add(self._cell, self._first_cells, out=self._cell)
-
     def _repeat(self) -> None:
         """Let a simulation of these environments alone make the step by its methods."""
         whole = self._simulation
@@ -132,7 +96,7 @@ class Section:
             self._by_methods = type(whole)(whole.scenario, self.part.stop - self.part.start, straight=False)
         alone = self._by_methods
         alone.restore({name: array[..., self.part] for name, array in whole.state_arrays().items()})
-        alone.sense(self._time.copy(), alone.noise_at())
+        alone.advance()
         theirs = live_arrays(alone)
         for name, array in live_arrays(whole).items():
             array[..., self.part] = theirs[name]

@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from passloc_env.compiled.graph import Graph, Node, TraceError, Value
+from passloc_env.compiled.graph import Drawn, Graph, Node, TraceError, Value
 from passloc_env.compiled.traced import Traced, symbols
 from passloc_env.noise import NavigationErrors, Opening, StepNoise
 
 Slot = tuple[str, int]
 """One number of every environment: the name of an array, and which of its rows, counted in C order."""
 
-CELL: Slot = ("argument.cell", 0)
-"""Which step of which episode every environment is at, counted through: where its noise is found."""
+FIRST: Slot = ("argument.first_cell", 0)
+"""Where every environment's steps begin among those of all; see :meth:`~passloc_env.noise.EpisodeNoise.tables`."""
 
 COLUMN: Slot = ("argument.column", 0)
 """Which environments are meant where only some are."""
@@ -67,7 +67,7 @@ def decide(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> None
 def sense(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> dict[str, Traced] | None:
     """One sensor step, with the matrices that the numbers of the episode make."""
     simulation.rebuild_models()
-    simulation.sense(arguments["argument.time"], noise)
+    simulation.advance(noise)
     return None if simulation.detected is None else {"result.detected": simulation.detected}
 
 
@@ -79,7 +79,7 @@ def conclude(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> No
 
 def observe(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> dict[str, Traced]:
     """What the agent sees."""
-    belief = simulation.belief_at(arguments["argument.time"], noise)
+    belief = simulation.belief_at(simulation.time, noise)
     return {"result.observation": simulation.realised.observation.observe(belief)}
 
 
@@ -98,12 +98,28 @@ def live_arrays(simulation: Any) -> dict[str, np.ndarray]:
     return {name: array for name, array in arrays.items() if not name.startswith("noise.")}
 
 
-def noise_arrays(noise: StepNoise) -> dict[str, np.ndarray]:
-    """The noise of a step by name."""
-    arrays = {"step.measurement": noise.measurement, "step.process": noise.process, "step.detection": noise.detection}
-    for platform, errors in enumerate(noise.navigation):
-        arrays[f"step.constant.{platform}"], arrays[f"step.fresh.{platform}"] = errors.constant, errors.fresh
-    return arrays
+def _noise_of(graph: Graph, name: str, simulation: Any, known: Mapping[str, Traced]) -> StepNoise:
+    """The noise of the step that a stage is about: looked up, but for what is the same throughout an episode."""
+    count = known["simulation.step_count"].item()
+    steps = simulation.scenario.episode.steps
+    ahead = graph.apply("add", (count, 1)) if name == "sense" else count
+    step = 0 if name == "open" else graph.apply("minimum", (ahead, steps))
+
+    def drawn(kind: str, values: np.ndarray) -> Traced:
+        nodes = np.empty((len(values), 1), dtype=object)
+        for index, (value,) in enumerate(values.tolist()):
+            nodes[index, 0] = Drawn(graph, (f"step.{kind}", index), step, value)
+        return nodes.view(Traced)
+
+    example = simulation.noise_at()
+    navigation = [
+        NavigationErrors(known[f"constant.{platform}"], drawn(f"fresh.{platform}", errors.fresh))
+        for platform, errors in enumerate(example.navigation)
+    ]
+    measurement, process, detection = (
+        drawn(kind, getattr(example, kind)) for kind in ("measurement", "process", "detection")
+    )
+    return StepNoise(measurement, process, detection, navigation)
 
 
 def trace(simulation: Any, name: str) -> Stage:
@@ -113,23 +129,20 @@ def trace(simulation: Any, name: str) -> Stage:
         TraceError: its code is no straight-line arithmetic.
     """
     graph = Graph()
-    live, noise = live_arrays(simulation), simulation.noise_at()
-    arguments = {"argument.action": simulation.action, "argument.time": simulation.time}
+    live = live_arrays(simulation)
+    arguments = {"argument.action": simulation.action}
     arguments |= dict(zip(OPENING, simulation.noise.opening(), strict=False))
-    examples = live | noise_arrays(noise) | arguments
+    constants = {f"constant.{platform}": errors for platform, errors in enumerate(simulation.noise.constants())}
+    examples = live | constants | arguments
     known = {key: _tied(key, symbols(graph, array[..., 0])) for key, array in examples.items()}
     before = {key: array.copy() for key, array in known.items()}
     memo: dict[int, Any] = {id(array): known[key] for key, array in live.items()}
     memo[id(simulation.noise)] = memo[id(simulation.watchers)] = None
     memo[id(simulation.outcome)] = None
-    navigation = [
-        NavigationErrors(known[f"step.constant.{platform}"], known[f"step.fresh.{platform}"])
-        for platform in range(len(noise.navigation))
-    ]
-    step = StepNoise(known["step.measurement"], known["step.process"], known["step.detection"], navigation)
+    noise = _noise_of(graph, name, simulation, known)
     try:
         twin = copy.deepcopy(simulation, memo)
-        results = STAGES[name](twin, {key: known[key] for key in arguments}, step)
+        results = STAGES[name](twin, {key: known[key] for key in arguments}, noise)
     except TraceError:
         raise
     except Exception as error:

@@ -48,16 +48,18 @@ class Writer:
         """The index that stands in a row for a single environment."""
         return self.put(f"load i64, ptr {self._address(place)}, align 8")
 
-    def gather(self, pointer: str, cells: Place, pitch: int) -> str:
-        """Numbers from anywhere: that of each environment is so many times ``pitch`` from the pointer."""
+    def look_up(self, table: str, pitch: int, first: Place, step: str) -> str:
+        """Each environment's number at its step; a table holds ``pitch`` numbers for each step, ``first`` is step 0."""
         types, whole = self.types, self.types.of("i64")
-        offset = self.put(f"mul {whole} {self._loaded(cells)}, {types.same('i64', str(pitch))}")
+        ahead = self.put(f"fptosi {types.real} {step} to {whole}")
+        cell = self.put(f"add {whole} {self._loaded(first)}, {ahead}")
+        offset = self.put(f"mul {whole} {cell}, {types.same('i64', str(pitch))}")
         if types.lanes == 1:
-            return self._loaded(Place(pointer, "double", offset))
+            return self._loaded(Place(table, "double", offset))
         gathered = "poison"
         for lane in range(types.lanes):
             own = self.put(f"extractelement {whole} {offset}, i32 {lane}")
-            address = self._address(Place(pointer, "double", own))
+            address = self._address(Place(table, "double", own))
             number = self.put(f"load double, ptr {address}, align 8")
             gathered = self.put(f"insertelement {types.real} {gathered}, double {number}, i32 {lane}")
         return gathered
