@@ -210,7 +210,7 @@ class EpisodeNoise:
             "prior": self.prior,
             "nuisances": self.nuisances,
             "measurement": np.moveaxis(self._measurement, 0, -1),
-            "process": np.moveaxis(self._process, 0, -1),
+            "process": np.moveaxis(self._process[:, 1:], 0, -1),
             "detection": np.moveaxis(self._detection, 0, -1),
             "constant_errors": self._constant_errors,
             "fresh_errors": np.moveaxis(self._fresh_errors, 0, -1),

@@ -144,11 +144,12 @@ def test_no_number_is_used_twice(kinds: tuple[str, ...]) -> None:
 
 
 def test_each_environment_is_read_at_its_own_step() -> None:
-    noise, steps = drawn(SIZES, 3), np.array([0, 7, 19])
+    noise, steps = drawn(SIZES, 3), np.array([1, 7, 20])
     arrays = noise.state_arrays()
     for kind in ("measurement", "process", "detection"):
         found = getattr(noise, kind)(steps)
-        expected = np.stack([arrays[kind][step, :, column] for column, step in enumerate(steps)], axis=-1)
+        behind = kind == "process"  # no step leads to the first look
+        expected = np.stack([arrays[kind][step - behind, :, column] for column, step in enumerate(steps)], axis=-1)
         np.testing.assert_array_equal(found, expected)
 
 
@@ -193,7 +194,7 @@ def test_uniform_errors_are_uniform_with_unit_variance() -> None:
 
 def test_measurements_reach_the_last_step() -> None:
     assert drawn(SIZES).measurement(np.array([SIZES.steps])).shape == (2, 1)
-    assert drawn(SIZES).process(np.array([SIZES.steps - 1])).shape == (4, 1)
+    assert drawn(SIZES).process(np.array([SIZES.steps])).shape == (4, 1)
 
 
 BASE = SCENARIOS["BearingDopplerUnknownCarrier"].override({"target.motion": ConstantVelocity()})
@@ -249,7 +250,7 @@ def test_the_emitter_is_disturbed_by_the_noise_of_each_step(begin: Callable[...,
     dynamics = simulation.models.truth.dynamics
     for step in range(3):
         expected = dynamics.mean(simulation.truth, simulation.time)
-        dynamics.disturb(expected, simulation.noise.process(np.full(3, step)))
+        dynamics.disturb(expected, simulation.noise.process(np.full(3, step + 1)))
         simulation.step(np.zeros((1, 3)))
         np.testing.assert_allclose(simulation.truth, expected, rtol=1e-12)
 
