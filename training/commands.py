@@ -269,6 +269,14 @@ class Bench:
     """Interleaved rounds; the medians count."""
     seconds: float = 0.3
     """Seconds per candidate and round."""
+    states: bool = True
+    """Also with six states."""
+    workers: int = 2
+    """Also on so many processes, where N is large; 1 for not."""
+    peers: bool = True
+    """Also the FilterPy environment in Gymnasium's and Stable-Baselines3's wrappers."""
+    growth: bool = True
+    """Also every scenario, and more states, sensors and steps."""
     trackers: bool = True
     """Also the trackers alone, each beside FilterPy's filters."""
     learning: bool = True

@@ -14,13 +14,17 @@ from rich.console import Console
 from passloc_env import SCENARIOS, Scenario
 from passloc_env.errors import InputError
 from training import benchmark
-from training.benchmark import Bench, harness, report
+from training.benchmark import Bench, harness, limit, report
 from training.benchmark.floors import FLOORS, shortfalls
+from training.benchmark.growth import VARIANTS, measure_growth
 from training.benchmark.page import exponent, write_page
+from training.benchmark.peers import TOGETHER, measure_peers
 from training.benchmark.report import Results, Row, Spread, Stepping, spread
 
 BEARING_DOPPLER = SCENARIOS["BearingDoppler"]
-TINY = Bench(sizes=(1, 3), rounds=2, seconds=0.001, trackers=False, learning=False)
+ALONE = {"states": False, "workers": 1, "peers": False, "growth": False, "trackers": False, "learning": False}
+"""Nothing but the main table."""
+TINY = Bench(sizes=(1, 3), rounds=2, seconds=0.001, **ALONE)
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +45,8 @@ def test_every_candidate_has_its_row(results: Results) -> None:
         ("passloc, scalar", 1),
         ("passloc, vector", 1),
         ("passloc, vector", 3),
+        ("passloc, vector + network", 3),
+        *[("C kernel, the limit", 3)] * (limit.library() is not None),
     ]
     assert results.learning is None
     for row in results.stepping.rows:
@@ -56,7 +62,8 @@ def test_the_peer_is_compared_with_itself(results: Results) -> None:
 
 def test_json_holds_everything(results: Results) -> None:
     data = json.loads(results.to_json())
-    assert set(data) == {"command", "date", "machine", "stepping", "trackers", "learning"}
+    tables = {"stepping", "states", "workers", "peers", "growth", "trackers", "learning"}
+    assert set(data) == {"command", "date", "machine"} | tables
     assert data["stepping"]["rows"][0]["cpu_ratio"] == {"median": 1.0, "low": 1.0, "high": 1.0}
     assert {"numpy", "filterpy", "gymnasium"} <= set(data["machine"]["versions"])
     assert data["machine"]["cores"] >= 1
@@ -75,7 +82,7 @@ def test_the_table_fits_a_terminal(results: Results) -> None:
 
 def test_run_prints_tables_and_writes_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bench.json"
-    arguments = Bench(sizes=(), rounds=1, seconds=0.001, trackers=False, learning=False, json=path)
+    arguments = Bench(sizes=(), rounds=1, seconds=0.001, json=path, **ALONE)
     found = benchmark.run(arguments, date="2000-01-01")
     assert path.read_text(encoding="utf-8") == found.to_json()
     assert found.date == "2000-01-01"
@@ -102,7 +109,11 @@ def test_tables_print(results: Results) -> None:
     ("arguments", "command"),
     [
         (Bench(), "passloc bench"),
-        (TINY, "passloc bench --sizes 1 3 --rounds 2 --seconds 0.001 --no-trackers --no-learning"),
+        (
+            TINY,
+            "passloc bench --sizes 1 3 --rounds 2 --seconds 0.001 --no-states --workers 1 --no-peers --no-growth "
+            "--no-trackers --no-learning",
+        ),
         (Bench(json=Path("x.json"), guard=True, out=Path("page")), "passloc bench"),
     ],
 )
@@ -114,6 +125,51 @@ def test_command_repeats_the_measurement(arguments: Bench, command: str) -> None
 def test_impossible_arguments_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
         benchmark.measure(Bench(**wrong))  # type: ignore[arg-type]
+
+
+def test_more_states_are_measured_against_a_peer_of_as_many() -> None:
+    table = harness.measure_states(VARIANTS["6 states"], (2,), 1, 0.001)
+    assert table.scenario == "BearingDoppler, 6 states"
+    assert [(row.name, row.environments) for row in table.rows] == [("FilterPy environment", 1), ("passloc, vector", 2)]
+
+
+def test_workers_are_measured_against_one() -> None:
+    """At this size there is one process on both sides: what is tested is who is compared with whom."""
+    table = harness.measure_workers(BEARING_DOPPLER, (2, 3), 2, 1, 0.001)
+    names = ["passloc, vector"] * 2 + ["passloc, 2 workers"] * 2
+    assert [(row.name, row.environments) for row in table.rows] == list(zip(names, (2, 3, 2, 3), strict=True))
+    assert [row.wall_ratio.median for row in table.rows[:2]] == [1.0, 1.0]
+
+
+def test_every_scenario_and_variant_has_its_cost() -> None:
+    growth = measure_growth(2, 1, 0.001)
+    costs = {cost.name: cost for cost in growth.costs}
+    assert set(costs) == {*SCENARIOS, *(f"BearingDoppler, {name}" for name in VARIANTS)}
+    base = costs["BearingDoppler"]
+    assert (base.states, base.scalars, base.steps) == (4, 2, 240)
+    assert costs["BearingDoppler, 6 states"].states == 6
+    assert [costs[f"BearingDoppler, {n} sensor{'s' * (n > 1)}"].scalars for n in (1, 3, 4)] == [1, 3, 4]
+    # Two errors for each of the 241 looks, and a few hundred numbers beside them.
+    assert 8e-3 * 2 * 241 < base.kilobytes < 8e-3 * (2 * 241 + 300)
+    assert costs["BearingDoppler, 960 steps"].kilobytes - base.kilobytes == pytest.approx(8e-3 * 2 * 720)
+    assert all(0.0 < cost.microseconds.low <= cost.microseconds.high for cost in growth.costs)
+
+
+def test_the_peer_in_wrappers() -> None:
+    table = measure_peers(BEARING_DOPPLER.override({"episode.steps": 8}), 1, 0.001)
+    assert [row.name for row in table.rows] == [
+        "FilterPy environment",
+        "SyncVectorEnv",
+        "AsyncVectorEnv",
+        "DummyVecEnv",
+        "SubprocVecEnv",
+    ]
+    assert {row.environments for row in table.rows[1:]} == {TOGETHER}
+
+
+def test_the_limit_is_told_where_there_is_one(results: Results) -> None:
+    notes = [note for note in results.stepping.notes if "C kernel" in note]
+    assert len(notes) == 2 * (limit.library() is not None)
 
 
 def test_stone_soup_may_be_absent(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,7 +198,7 @@ def short(**overrides: object) -> Scenario:
 def test_only_flown_sensor_steps_count() -> None:
     candidate = harness.VectorCandidate(short(), 5, np.random.default_rng(0))
     candidate.warm_up()
-    simulation = candidate._env.batch.tiles[0]
+    simulation = candidate.env.batch.tiles[0]
     for _ in range(20):
         before = simulation.step_count.copy()
         flown = candidate.step()

@@ -72,6 +72,12 @@ def fly_both(name: str, seed: int, overrides: dict[str, object]) -> int:
     return decisions
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_peer_agrees_with_accelerations_as_states(seed: int) -> None:
+    motion = {"type": "ConstantAcceleration", "acceleration_noise": 0.5}
+    assert fly_both("BearingDoppler", seed, {"episode.early_end": False, "tracker.motion": motion}) == 60
+
+
 @pytest.mark.parametrize("name", ["BearingDoppler", "BearingsOnly"])
 @pytest.mark.parametrize("seed", range(4))
 def test_peer_agrees_over_whole_episodes(name: str, seed: int) -> None:

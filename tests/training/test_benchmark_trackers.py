@@ -13,12 +13,12 @@ from passloc_env.layout import StateLayout
 from passloc_env.motion import ConstantAcceleration, UnknownTurn
 from passloc_env.simulation import Simulation
 from passloc_env.tracking import InteractingModels, RangeBank
+from training.benchmark.peer_tracking import accelerated
 from training.benchmark.trackers import (
     MOTIONS,
     STRAIGHT,
     FilterCandidate,
     TrackerCandidate,
-    accelerated,
     measure_trackers,
     turning,
 )

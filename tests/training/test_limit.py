@@ -4,21 +4,22 @@ import ctypes
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from passloc_env import SCENARIOS
 from passloc_env.simulation import Simulation
-from training.benchmark.limit import CLOSEST, ERRORS, NIS, TERMS, Numbers, rows_of, sensor_step
+from training.benchmark.limit import CLOSEST, ERRORS, NIS, TERMS, Numbers, library, rows_of
 
 SCENARIO = SCENARIOS["BearingDoppler"].override({"episode.early_end": False})
 N = 203
 """Enough for several to a register and a few left over."""
 
 
-@pytest.mark.skipif(sensor_step() is None, reason="no C compiler here")
+pytestmark = pytest.mark.skipif(library() is None, reason="no C compiler here")
+
+
 def test_a_step_in_c_is_a_step() -> None:
     """To 1e-7: the compiler may reorder sums, and covariances lose three digits to cancellation."""
-    step = sensor_step()
-    assert step is not None
     simulation = Simulation(SCENARIO, N, straight=False)
     simulation.reset(np.arange(N), [np.random.default_rng(seed) for seed in range(N)])
     for turn in (0.7, -0.4):
@@ -30,7 +31,7 @@ def test_a_step_in_c_is_a_step() -> None:
     simulation.step_count += 1
     noise = simulation.noise_at()
     rows[ERRORS] = noise.measurement
-    step(rows.ctypes.data, N, N, time[0], ctypes.byref(Numbers.of(SCENARIO)))
+    library().sensor_step(rows.ctypes.data, N, N, time[0], ctypes.byref(Numbers.of(SCENARIO)))
     simulation.sense(time, noise)
 
     expected = rows_of(simulation)
@@ -40,3 +41,22 @@ def test_a_step_in_c_is_a_step() -> None:
     for name, value in simulation.reward_terms.items():
         np.testing.assert_allclose(found[name], value, rtol=1e-6, atol=1e-9, err_msg=name)
     np.testing.assert_array_equal(rows[CLOSEST] < SCENARIO.episode.min_range, simulation.violated)
+
+
+def test_errors_drawn_in_c_are_standard_normal() -> None:
+    """Both, and independent of each other; each test raises a false alarm once in a thousand seeds."""
+    seeds = np.random.default_rng(1).integers(1, 2**64 - 1, (4, 20_000), dtype=np.uint64)
+    rows = np.zeros((CLOSEST + 1, 20_000))
+    library().draw_errors(rows.ctypes.data, seeds.ctypes.data, 20_000, 20_000)
+    first, second = rows[ERRORS].copy()
+    for errors in (first, second, (first + second) / np.sqrt(2.0)):
+        assert stats.kstest(errors, "norm").pvalue > 1e-3
+    library().draw_errors(rows.ctypes.data, seeds.ctypes.data, 20_000, 20_000)
+    assert (rows[ERRORS.start] != first).all()
+
+
+def test_the_library_leaves_the_arithmetic_of_others_alone() -> None:
+    """Libraries made with liberties of arithmetic may have subnormal numbers rounded to zero, everywhere."""
+    assert library() is not None
+    smallest = np.nextafter(np.zeros(1), 1.0)
+    assert (smallest + smallest > smallest).all()

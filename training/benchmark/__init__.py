@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     from training.benchmark.report import Results
 
 TRACKED = 1024
-"""Environments in which the trackers alone are measured."""
+"""Environments in which the trackers alone, and all scenarios, are measured."""
+
+SHARED = 4096
+"""Environments from which several processes are measured."""
 
 __all__ = ["Bench", "command", "measure", "run"]
 
@@ -62,21 +65,35 @@ def measure(arguments: Bench, date: str | None = None) -> Results:
     """Measure, without a word; arguments and errors as for :func:`run`."""
     _check(arguments)
     # FilterPy, Stable-Baselines3 and PyTorch take seconds to import: not before they are wanted.
-    from training.benchmark.harness import measure_stepping
+    from training.benchmark.growth import VARIANTS, measure_growth
+    from training.benchmark.harness import measure_states, measure_stepping, measure_workers
     from training.benchmark.report import Results, this_machine
 
     stepping = measure_stepping(SCENARIOS["BearingDoppler"], arguments.sizes, arguments.rounds, arguments.seconds)
-    trackers = None
+    steps = (arguments.rounds, arguments.seconds)
+    states = workers = peers = growth = trackers = None
+    if arguments.states and arguments.sizes:
+        states = measure_states(VARIANTS["6 states"], arguments.sizes, *steps)
+    if arguments.workers > 1:
+        sizes = [size for size in arguments.sizes if size >= SHARED] or [SHARED]
+        workers = measure_workers(SCENARIOS["BearingDoppler"], sizes, arguments.workers, *steps)
+    if arguments.peers:
+        from training.benchmark.peers import measure_peers
+
+        peers = measure_peers(SCENARIOS["BearingDoppler"], *steps)
+    if arguments.growth:
+        growth = measure_growth(TRACKED, *steps)
     if arguments.trackers:
         from training.benchmark.trackers import measure_trackers
 
-        trackers = measure_trackers(SCENARIOS["BearingDoppler"], TRACKED, arguments.rounds, arguments.seconds)
+        trackers = measure_trackers(SCENARIOS["BearingDoppler"], TRACKED, *steps)
     learning = None
     if arguments.learning:
         from training.benchmark.learning import Plan, measure_learning
 
         learning = measure_learning(SCENARIOS["BearingsOnly"], arguments.rounds, Plan())
-    return Results(command(arguments), date, this_machine(), stepping, trackers, learning)
+    tables = (stepping, states, workers, peers, growth, trackers, learning)
+    return Results(command(arguments), date, this_machine(), *tables)
 
 
 def command(arguments: Bench) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 from passloc_env import Scenario
 from passloc_env.arrays import Array
 from passloc_env.belief import OBSERVATION_LIMIT
+from passloc_env.motion import ConstantAcceleration
 from passloc_env.platforms import TurnLimitedPlatform
 from passloc_env.rewards import KeepOut
 from passloc_env.scenarios import find
@@ -24,14 +25,13 @@ from passloc_env.spaces import action_space, observation_space
 from passloc_env.tracking import RangePrior
 from training.benchmark.peer_tracking import (
     BoundRecursion,
+    accelerated,
     build_filter,
     doppler_scale,
     measurement_noise,
     prior_covariance,
 )
 from training.benchmark.peer_world import Draw, Emitter, OwnShip, check, draw, wrap
-
-_BELOW_DIAGONAL = np.tril_indices(4, -1)
 
 
 class FilterPyEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -55,7 +55,9 @@ class FilterPyEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         own = self.scenario.platforms[0]
         assert isinstance(own, TurnLimitedPlatform)
         self._max_turn_rate = float(own.max_turn_rate)
-        self._filter = build_filter(self.scenario)
+        accelerates = isinstance(self.scenario.tracker.motion, ConstantAcceleration)
+        self._states = 6 if accelerates else 4
+        self._filter = build_filter(self.scenario, accelerated if accelerates else None, self._states)
         self._bound = BoundRecursion(self.scenario)
         self._sigmas: list[float] = np.sqrt(np.diag(measurement_noise(self.scenario))).tolist()
         self._shift = doppler_scale(self.scenario)
@@ -104,8 +106,10 @@ class FilterPyEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         true_bearing = math.atan2(self._emitter.east, self._emitter.north)
         bearing = true_bearing + self._sigmas[0] * float(self._draw.noise[0, 0])
         guess = prior.range
-        self._filter.x = np.array([guess * math.sin(bearing), guess * math.cos(bearing), 0.0, 0.0])
-        self._filter.P = prior_covariance(prior, bearing, guess * self._sigmas[0])
+        self._filter.x = np.zeros(self._states)
+        self._filter.x[:2] = guess * math.sin(bearing), guess * math.cos(bearing)
+        self._filter.P = prior.acceleration_sigma**2 * np.eye(self._states)
+        self._filter.P[:4, :4] = prior_covariance(prior, bearing, guess * self._sigmas[0])
         self._bound.start(prior_covariance(prior, true_bearing, self._draw.range * self._sigmas[0]))
 
     def _advance(self) -> tuple[float, float, dict[str, float]]:
@@ -173,19 +177,20 @@ class FilterPyEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         x, y = mean[0] - own.east, mean[1] - own.north
         distance = max(math.hypot(x, y), 1e-3)
         axes = np.array([[x, y], [y, -x]]) / distance
-        rotation = np.zeros((4, 4))
-        rotation[:2, :2] = rotation[2:, 2:] = axes
+        rotation = np.zeros((self._states, self._states))
+        for first in range(0, self._states, 2):
+            rotation[first : first + 2, first : first + 2] = axes
         covariance = rotation @ self._filter.P @ rotation.T
         sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         correlation = covariance / np.outer(sigma, sigma)
-        units = np.array([distance, distance, scales.speed_scale, scales.speed_scale])
+        units = np.repeat([distance, scales.speed_scale, scales.acceleration_scale], 2)[: self._states]
         features = np.concatenate(
             [
                 [math.log(distance / scales.range_scale)],
                 axes @ own.velocity / scales.speed_scale,
-                axes @ mean[2:] / scales.speed_scale,
+                axes @ mean[2:4] / scales.speed_scale,
                 np.log(sigma / units),
-                correlation[_BELOW_DIAGONAL],
+                correlation[np.tril_indices(self._states, -1)],
                 [1.0 - self._step_count / episode.steps, self._action],
             ]
         )

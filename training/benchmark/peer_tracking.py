@@ -16,7 +16,7 @@ from scipy.linalg import cholesky
 
 from passloc_env import Scenario
 from passloc_env.arrays import Array
-from passloc_env.motion import ConstantVelocity, Motion
+from passloc_env.motion import ConstantAcceleration, ConstantVelocity, Motion
 from passloc_env.sensors import Bearing, Doppler
 from passloc_env.tracking import RangePrior, UnscentedKalman
 from training.benchmark.peer_world import OwnShip, wrap
@@ -31,11 +31,19 @@ def transition(period: float) -> Array:
     return matrix
 
 
+def accelerated(state: Array, period: float) -> Array:
+    """East, north, their rates and accelerations one period later."""
+    moved = state.copy()
+    moved[:2] += period * state[2:4] + 0.5 * period * period * state[4:]
+    moved[2:4] += period * state[4:]
+    return moved
+
+
 def process_noise(motion: Motion, period: float) -> Array:
-    """``Q (4, 4)`` of a white acceleration held over each period (s), by FilterPy."""
-    assert isinstance(motion, ConstantVelocity)
-    variance = motion.acceleration_noise**2
-    noise: Array = Q_discrete_white_noise(2, period, variance, block_size=2, order_by_dim=False)
+    """``Q (4, 4)`` of a white acceleration held over each period (s), or ``(6, 6)`` of one that walks, by FilterPy."""
+    assert isinstance(motion, (ConstantVelocity, ConstantAcceleration))
+    order, variance = 1 + motion.order, motion.acceleration_noise**2
+    noise: Array = Q_discrete_white_noise(order, period, variance, block_size=2, order_by_dim=False)
     return noise
 
 
@@ -71,7 +79,8 @@ def build_filter(scenario: Scenario, move: Move | None = None, states: int = 4) 
     Args:
         scenario: what is heard, and how FilterPy is set.
         move: where a state ``(n,)`` is one period (s) later; by default straight on.
-        states: n; the first four are east, north and their rates. More than four come without process noise.
+        states: n; the first four are east, north and their rates. Those that the tracker's motion does not have come
+            without process noise.
     """
     tracker, period, shift = scenario.tracker, scenario.episode.period, doppler_scale(scenario)
     assert isinstance(tracker, UnscentedKalman)
@@ -93,7 +102,8 @@ def build_filter(scenario: Scenario, move: Move | None = None, states: int = 4) 
     scalars = len(scenario.sensors)
     kalman = UnscentedKalmanFilter(states, scalars, period, measure, move or straight, points)
     kalman.Q, kalman.R = np.zeros((states, states)), measurement_noise(scenario)
-    kalman.Q[:4, :4] = process_noise(tracker.motion, period)
+    noise = process_noise(tracker.motion, period)
+    kalman.Q[: len(noise), : len(noise)] = noise
     return kalman
 
 

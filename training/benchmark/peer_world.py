@@ -10,7 +10,7 @@ import numpy as np
 from passloc_env import Scenario, ScenarioError
 from passloc_env.arrays import Array, Number
 from passloc_env.distributions import Distribution
-from passloc_env.motion import ConstantVelocity, Manoeuvre
+from passloc_env.motion import ConstantAcceleration, ConstantVelocity, Manoeuvre
 from passloc_env.platforms import TurnLimitedPlatform
 from passloc_env.rewards import DEFAULT_REWARD
 from passloc_env.sensors import Bearing, Doppler
@@ -169,19 +169,22 @@ def check(scenario: Scenario) -> None:
     """Raise ScenarioError unless the scenario is one the peer was written for.
 
     That is: a planar emitter, one turn-limited own ship with heading commands, a bearing and perhaps the Doppler of a
-    known carrier, an unscented filter from a range prior, and the four default reward terms.
+    known carrier, an unscented filter, with accelerations or without, from a range prior, and the four default reward
+    terms.
     """
     parts = {
         "target.start": (scenario.target.start, PolarStart),
         "platforms.0": (scenario.platforms[0], TurnLimitedPlatform),
         "prior": (scenario.prior, RangePrior),
         "tracker": (scenario.tracker, UnscentedKalman),
-        "tracker.motion": (scenario.tracker.motion, ConstantVelocity),
+        "tracker.motion": (scenario.tracker.motion, (ConstantVelocity, ConstantAcceleration)),
         "bound.motion": (scenario.bound.motion, ConstantVelocity),
     }
     for field, (found, wanted) in parts.items():
-        if type(found) is not wanted:
-            raise ScenarioError(field, type(found).__name__, f"the peer knows only {wanted.__name__}")
+        allowed = wanted if isinstance(wanted, tuple) else (wanted,)
+        if type(found) not in allowed:
+            known = " and ".join(kind.__name__ for kind in allowed)
+            raise ScenarioError(field, type(found).__name__, f"the peer knows only {known}")
     _check_emitter(scenario)
     own = scenario.platforms[0]
     assert isinstance(own, TurnLimitedPlatform)

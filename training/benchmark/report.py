@@ -80,6 +80,42 @@ class Stepping:
 
 
 @dataclass(frozen=True)
+class Cost:
+    """What a scenario costs.
+
+    Attributes:
+        name: the scenario's.
+        states: of the tracker.
+        scalars: of a measurement.
+        steps: of an episode.
+        microseconds: processor time of a sensor step of one environment.
+        kilobytes: kept for each environment, noise of the whole episode included.
+    """
+
+    name: str
+    states: int
+    scalars: int
+    steps: int
+    microseconds: Spread
+    kilobytes: float
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How cost grows with what a scenario holds.
+
+    Attributes:
+        environments: of each scenario.
+        rounds: turns of each.
+        costs: the scenarios.
+    """
+
+    environments: int
+    rounds: int
+    costs: list[Cost]
+
+
+@dataclass(frozen=True)
 class Learner:
     """The speed of PPO on one side.
 
@@ -153,6 +189,10 @@ class Results:
         date: when, if it was given.
         machine: where.
         stepping: the environments alone.
+        states: the same with more states, unless left out.
+        workers: several processes, unless left out.
+        peers: the FilterPy environment in others' wrappers, unless left out.
+        growth: every scenario, unless left out.
         trackers: the trackers alone, unless left out.
         learning: PPO, unless left out.
     """
@@ -161,6 +201,10 @@ class Results:
     date: str | None
     machine: Machine
     stepping: Stepping
+    states: Stepping | None = None
+    workers: Stepping | None = None
+    peers: Stepping | None = None
+    growth: Growth | None = None
     trackers: Stepping | None = None
     learning: Learning | None = None
 
@@ -187,10 +231,13 @@ def show(results: Results, console: Console | None = None) -> None:
     machine = results.machine
     versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
     console.print(f"{machine.processor}, {machine.cores} cores; Python {machine.python}; {versions}", style="dim")
-    for stepping in filter(None, (results.stepping, results.trackers)):
+    tables = (results.stepping, results.states, results.workers, results.peers, results.trackers)
+    for stepping in filter(None, tables):
         console.print(_stepping_table(stepping))
         remarks = [f"{row.name}: {row.note}." for row in stepping.rows if row.note]
         _print_notes(console, remarks + stepping.notes)
+    if results.growth is not None:
+        console.print(_growth_table(results.growth))
     if results.learning is not None:
         console.print(_learning_table(results.learning))
         _print_notes(console, results.learning.notes)
@@ -200,12 +247,24 @@ def _stepping_table(stepping: Stepping) -> Table:
     title = f"{stepping.scenario}: sensor steps per second, median (min–max) of {stepping.rounds} rounds"
     table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("candidate", no_wrap=True)
-    for heading in ("N", "per\nCPU s", "per\nwall s", "× FilterPy,\nCPU", "× FilterPy,\nwall"):
+    for heading in ("N", "per\nCPU s", "per\nwall s", "× peer,\nCPU", "× peer,\nwall"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in stepping.rows:
         medians = (row.per_cpu_second.median, row.per_wall_second.median)
         ratios = (str(row.cpu_ratio), _short(row.wall_ratio.median))
         table.add_row(row.name, str(row.environments), *map(_short, medians), *ratios)
+    return table
+
+
+def _growth_table(growth: Growth) -> Table:
+    title = f"A sensor step of one environment among {growth.environments}, median (min–max) of {growth.rounds} rounds"
+    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("scenario", no_wrap=True)
+    for heading in ("states", "scalars", "steps", "CPU µs", "kB"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for cost in growth.costs:
+        sizes = map(str, (cost.states, cost.scalars, cost.steps))
+        table.add_row(cost.name, *sizes, str(cost.microseconds), _short(cost.kilobytes))
     return table
 
 

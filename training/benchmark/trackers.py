@@ -25,18 +25,10 @@ from passloc_env.tracking import (
     UnscentedKalman,
 )
 from training.benchmark.harness import compare, decisions
-from training.benchmark.peer_tracking import Move, build_filter, prior_covariance
+from training.benchmark.peer_tracking import Move, accelerated, build_filter, prior_covariance
 from training.benchmark.peer_world import wrap
 from training.benchmark.recording import Look, Replayed
 from training.benchmark.report import Stepping
-
-
-def accelerated(state: Array, period: float) -> Array:
-    """East, north, their rates and accelerations one period later."""
-    moved = state.copy()
-    moved[:2] += period * state[2:4] + 0.5 * period * period * state[4:]
-    moved[2:4] += period * state[4:]
-    return moved
 
 
 def turning(state: Array, period: float) -> Array:

@@ -10,7 +10,6 @@ import ctypes
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from passloc_env import Scenario
-from passloc_env.arrays import Array
+from passloc_env.arrays import Array, lasting
 from passloc_env.motion import ConstantVelocity
 from passloc_env.platforms import TurnLimitedPlatform
 from passloc_env.rewards import KeepOut
@@ -28,7 +27,7 @@ from passloc_env.tracking import UnscentedKalman
 
 SOURCE = Path(__file__).with_name("step.c")
 
-_OPTIONS = ("-O3", "-march=native", "-mprefer-vector-width=512", "-ffast-math", "-shared", "-fPIC")
+_OPTIONS = ("-O3", "-march=native", "-mprefer-vector-width=512", "-ffast-math", "-fPIC")
 
 _CHUNK = 512
 """Environments whose rows stay in the cache for all sensor steps of a decision."""
@@ -85,20 +84,23 @@ class Numbers(ctypes.Structure):
 
 
 @cache
-def sensor_step() -> Callable[..., None] | None:
-    """The compiled step; None where there is no C compiler that can build it."""
+def library() -> Any:
+    """The compiled functions ``sensor_step`` and ``draw_errors``; None without a C compiler that can build them."""
     compiler = shutil.which("cc")
     if compiler is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
-        library = Path(folder) / "step.so"
-        built = subprocess.run([compiler, *_OPTIONS, str(SOURCE), "-o", str(library), "-lm"], capture_output=True)
-        if built.returncode:
+        unit, path = f"{folder}/step.o", f"{folder}/step.so"
+        # Linked with -ffast-math, a library would make the whole process round subnormal numbers to zero.
+        commands = [[*_OPTIONS, "-c", str(SOURCE), "-o", unit], ["-shared", unit, "-o", path, "-lm"]]
+        if any(subprocess.run([compiler, *command], capture_output=True).returncode for command in commands):
             return None
-        step: Any = ctypes.CDLL(str(library)).sensor_step
-    step.restype = None
-    step.argtypes = [ctypes.c_void_p, ctypes.c_long, ctypes.c_long, ctypes.c_double, ctypes.POINTER(Numbers)]
-    return step
+        found = ctypes.CDLL(path)
+    pointer, number = ctypes.c_void_p, ctypes.c_long
+    found.sensor_step.restype = found.draw_errors.restype = None
+    found.sensor_step.argtypes = [pointer, number, number, ctypes.c_double, ctypes.POINTER(Numbers)]
+    found.draw_errors.argtypes = [pointer, pointer, number, number]
+    return found
 
 
 def rows_of(simulation: Simulation) -> Array:
@@ -121,34 +123,32 @@ class LimitCandidate:
     name, note = "C kernel, the limit", "one sensor step only: no openings, decisions or observations"
 
     def __init__(self, scenario: Scenario, environments: int) -> None:
-        step = sensor_step()
-        assert step is not None
-        self.environments, self._step, self._numbers = environments, step, Numbers.of(scenario)
+        self.environments, self._library, self._numbers = environments, library(), Numbers.of(scenario)
         simulation = Simulation(scenario, environments)
         simulation.reset(np.arange(environments), [np.random.default_rng(seed) for seed in range(environments)])
         simulation.step(np.zeros((1, environments)))
         self._begun = rows_of(simulation)
-        self._begun[ERRORS] = np.random.default_rng(0).standard_normal((2, environments))
-        # Rows that are an odd number of cache lines apart do not get into each other's way.
-        self._rows = np.empty((len(self._begun), 8 * (environments // 16 * 2 + 1)))
+        self._rows = lasting((len(self._begun), environments))
+        self._stride = self._rows.strides[0] // self._rows.itemsize
+        self._seeds = np.random.default_rng(0).integers(1, 2**64 - 1, (4, self._stride), dtype=np.uint64)
         self._time, self._episode = 0.0, scenario.episode
         self.warm_up()
 
     def warm_up(self) -> None:
         """Begin anew."""
         self._time = self._episode.interval
-        self._rows[:, : self.environments] = self._begun
+        self._rows[...] = self._begun
 
     def step(self) -> int:
         """The sensor steps of a decision, chunk by chunk."""
         if self._time >= self._episode.duration:
             self.warm_up()
-        stride = self._rows.shape[1]
         for first in range(0, self.environments, _CHUNK):
-            size = min(_CHUNK, self.environments - first)
-            address = self._rows.ctypes.data + first * self._rows.itemsize
+            size, ahead = min(_CHUNK, self.environments - first), 8 * first
+            rows, seeds = self._rows.ctypes.data + ahead, self._seeds.ctypes.data + ahead
             for step in range(self._episode.decision_every):
                 time = self._time + step * self._episode.period
-                self._step(address, stride, size, time, ctypes.byref(self._numbers))
+                self._library.draw_errors(rows, seeds, self._stride, size)
+                self._library.sensor_step(rows, self._stride, size, time, ctypes.byref(self._numbers))
         self._time += self._episode.interval
         return self.environments * self._episode.decision_every

@@ -3,7 +3,8 @@
    The observer turns and flies, the emitter manoeuvres, bearing and Doppler are heard, the unscented filter predicts
    and corrects, the Cramér–Rao bound and its noise-free copy follow, the reward's terms are added up. Environments lie
    side by side, several to a register; matrices are symmetric and held by their lower halves, row by row. Openings,
-   decisions and observations are left out, and so is every care for covariances that rounding has spoilt. */
+   decisions and observations are left out, and so is every care for covariances that rounding has spoilt. The errors
+   of a step are drawn beforehand, from a generator in each environment. */
 
 #include <math.h>
 
@@ -71,6 +72,40 @@ static inline double absorb(double *c, const double *h) {
     c[8] -= w3 * s2;
     c[9] -= w3 * s3;
     return v;
+}
+
+/* A number in [1, 2) from the upper bits of a word. */
+static inline double one_to_two(unsigned long word) {
+    union { unsigned long bits; double number; } both = {.bits = (word >> 12) | 0x3FF0000000000000UL};
+    return both.number;
+}
+
+#define SEED(word) seeds[(word) * stride + i]
+
+/* Two standard normals for every environment, by Box and Muller from xoshiro256+. */
+void draw_errors(double *restrict state, unsigned long *restrict seeds, long stride, long environments) {
+#pragma GCC ivdep
+    for (long i = 0; i < environments; i++) {
+        unsigned long a = SEED(0), b = SEED(1), c = SEED(2), d = SEED(3), word[2];
+        for (int k = 0; k < 2; k++) {
+            word[k] = a + d;
+            unsigned long shifted = b << 17;
+            c ^= a;
+            d ^= b;
+            b ^= c;
+            a ^= d;
+            c ^= shifted;
+            d = (d << 45) | (d >> 19);
+        }
+        SEED(0) = a;
+        SEED(1) = b;
+        SEED(2) = c;
+        SEED(3) = d;
+        double length = sqrt(-2.0 * log(2.0 - one_to_two(word[0])));
+        double angle = 2.0 * M_PI * (one_to_two(word[1]) - 1.5);
+        AT(ERRORS) = length * sin(angle);
+        AT(ERRORS + 1) = length * cosine_of(angle);
+    }
 }
 
 void sensor_step(double *restrict state, long stride, long environments, double time, const struct numbers *given) {
