@@ -1,12 +1,15 @@
 """A batch flown by several processes: each has a share of the environments, the first share stays in this one.
 
-The workers answer over pipes. Environments never touch each other, so the shares change nothing but the speed.
+The workers answer over pipes, and lay their arrays down in shared memory. Environments never touch each other, so the
+shares change nothing but the speed.
 """
 
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 import signal
+import time
 import weakref
 from collections.abc import Callable
 from itertools import pairwise
@@ -21,9 +24,19 @@ from passloc_env.batch import Batch, Round, Verdict, join_beliefs
 from passloc_env.belief import Belief
 from passloc_env.errors import WorkerError
 from passloc_env.scenario import Scenario
+from passloc_env.slab import Slab
 
 _FEWEST = 512
 """Environments per worker below which the pipes cost more than the second processor gives."""
+
+_ANSWER = 1024
+"""Bytes of an answer to be shared, for each environment: what a step returns takes a few hundred."""
+
+_HEAD_START = 128
+"""Environments that this process steps while a worker is woken and its answer brought: so many more are its own."""
+
+_PATIENCE = 1e-3
+"""How long to look for an answer without a rest, s."""
 
 _GONE = (EOFError, BrokenPipeError, ConnectionResetError)
 
@@ -48,8 +61,10 @@ class Worker:
         # A spawned process inherits no locks that threads of this one may hold.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
+        size = share.stop - share.start
+        self._slab = Slab(context, size * _ANSWER)
         self.process = context.Process(
-            target=_serve, args=(theirs, scenario, share.stop - share.start), daemon=True, name=title
+            target=_serve, args=(theirs, self._slab, scenario, size), daemon=True, name=title
         )
         self.process.start()
         theirs.close()
@@ -58,14 +73,17 @@ class Worker:
     def ask(self, method: str, *arguments: Any) -> None:
         """Have it call a method of its :class:`Batch`; :meth:`answer` tells the result."""
         try:
-            self._pipe.send((method, arguments))
+            self._pipe.send_bytes(pickle.dumps((method, arguments), protocol=5))
         except (*_GONE, OSError):
             raise self._died() from None
 
     def answer(self) -> tuple[Exception | None, Any]:
-        """What the method asked for last raised, and what it returned; WorkerError when the process is gone."""
+        """What the method asked for last raised, and what it returned; WorkerError when the process is gone.
+
+        Arrays are good until the next answer: whoever keeps them must copy them.
+        """
         try:
-            outcome: tuple[Exception | None, Any] = self._pipe.recv()
+            outcome: tuple[Exception | None, Any] = self._slab.unpack(_received(self._pipe))
         except (*_GONE, OSError):
             raise self._died() from None
         return outcome
@@ -81,16 +99,24 @@ class Worker:
         )
 
 
-def _serve(pipe: Connection, scenario: Scenario, size: int) -> None:
+def _serve(pipe: Connection, slab: Slab, scenario: Scenario, size: int) -> None:
     """The life of a worker: answer until the pipe closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     batch = Batch(scenario, size)
     while True:
         try:
-            method, arguments = pipe.recv()
-            pipe.send(_outcome(batch, method, arguments))
+            method, arguments = _received(pipe)
+            pipe.send_bytes(pickle.dumps(slab.pack(_outcome(batch, method, arguments)), protocol=5))
         except _GONE:
             return
+
+
+def _received(pipe: Connection) -> Any:
+    """What comes through a pipe. It is often near, and to be woken takes longer than to look a few times more."""
+    deadline = time.perf_counter() + _PATIENCE
+    while not pipe.poll() and time.perf_counter() < deadline:
+        pass
+    return pickle.loads(pipe.recv_bytes())
 
 
 def _outcome(batch: Batch, method: str, arguments: tuple[Any, ...]) -> tuple[Exception | None, Any]:
@@ -118,7 +144,8 @@ class CrewBatch:
 
     def __init__(self, scenario: Scenario, size: int, workers: int) -> None:
         self.scenario, self.size = scenario, size
-        edges = [size * index // workers for index in range(workers + 1)]
+        ahead = min(_HEAD_START, size // workers)
+        edges = [0, *(ahead + (size - ahead) * index // workers for index in range(1, workers + 1))]
         shares = [slice(first, last) for first, last in pairwise(edges)]
         self._own_share = shares[0]
         self.workers = [
