@@ -16,6 +16,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
 from passloc_env.belief import Belief
+from passloc_env.infos import Infos
 from passloc_env.scenario import Scenario
 from passloc_env.vector_env import LocalisationVectorEnv
 
@@ -107,9 +108,9 @@ class LocalisationVecEnv(VecEnv):
         self._returns += reward
         self._lengths += 1
         done = terminated | truncated
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for index in np.flatnonzero(done):
-            infos[index] = self._final_info(int(index), info, bool(truncated[index] and not terminated[index]))
+        out_of_time = truncated & ~terminated
+        finished = np.flatnonzero(done).tolist()
+        infos = Infos(self.num_envs, {at: self._final_info(at, info, bool(out_of_time[at])) for at in finished})
         self._returns[done], self._lengths[done] = 0.0, 0
         return observation, reward.astype(np.float32), done, infos
 

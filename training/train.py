@@ -13,7 +13,6 @@ from typing import Any, cast
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
@@ -32,6 +31,7 @@ from training.hyperparameters import Hyperparameters
 from training.privileged import PrivilegedPolicy, WithTruth, truth_names
 from training.progress_callback import ProgressCallback
 from training.provenance import provenance
+from training.vector_ppo import VectorPPO
 from training.wrappers import Choosing, Guarded, Mirrored, RisingPrice, ScaledReward
 
 
@@ -138,7 +138,7 @@ def _world(family: Scenario, parameters: Hyperparameters, environments: int) -> 
     return WithTruth(world) if parameters.privileged_critic else world
 
 
-def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> PPO:
+def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> VectorPPO:
     """PPO with separate actor and critic, tanh layers and a linearly falling learning rate."""
     policy: dict[str, Any] = {
         "net_arch": list(parameters.network),
@@ -146,7 +146,7 @@ def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> PPO:
     }
     if parameters.privileged_critic:
         policy["seen"] = cast(VecEnvWrapper, env).getattr_recursive("seen")
-    return PPO(
+    return VectorPPO(
         PrivilegedPolicy if parameters.privileged_critic else "MlpPolicy",
         env,
         n_steps=parameters.rollout,
@@ -162,7 +162,7 @@ def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> PPO:
     )
 
 
-def _agent(model: PPO, scenario: Scenario, parameters: Hyperparameters, seed: int, seconds: float) -> AgentFile:
+def _agent(model: VectorPPO, scenario: Scenario, parameters: Hyperparameters, seed: int, seconds: float) -> AgentFile:
     """The trained actor with its card."""
     policy = model.policy
     modules = [*policy.mlp_extractor.policy_net, policy.action_net]

@@ -48,7 +48,7 @@ def test_every_candidate_has_its_row(results: Results) -> None:
         ("passloc, vector + network", 3),
         *[("C kernel, the limit", 3)] * (limit.library() is not None),
     ]
-    assert results.learning is None
+    assert results.learning == ()
     for row in results.stepping.rows:
         for measured in (row.per_cpu_second, row.per_wall_second, row.cpu_ratio, row.wall_ratio):
             assert 0.0 < measured.low <= measured.median <= measured.high

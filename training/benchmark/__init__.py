@@ -16,7 +16,7 @@ from training.arguments import free_path
 from training.commands import Bench
 
 if TYPE_CHECKING:
-    from training.benchmark.report import Results
+    from training.benchmark.report import Learning, Results
 
 TRACKED = 1024
 """Environments in which the trackers alone, and all scenarios, are measured."""
@@ -87,11 +87,13 @@ def measure(arguments: Bench, date: str | None = None) -> Results:
         from training.benchmark.trackers import measure_trackers
 
         trackers = measure_trackers(SCENARIOS["BearingDoppler"], TRACKED, *steps)
-    learning = None
+    learning: tuple[Learning, ...] = ()
     if arguments.learning:
         from training.benchmark.learning import Plan, measure_learning
 
-        learning = measure_learning(SCENARIOS["BearingsOnly"], arguments.rounds, Plan())
+        taught = SCENARIOS["BearingsOnly"]
+        plans = (Plan(), Plan.that_learns_best(taught.name))
+        learning = tuple(measure_learning(taught, arguments.rounds, plan) for plan in plans)
     tables = (stepping, states, workers, peers, growth, trackers, learning)
     return Results(command(arguments), date, this_machine(), *tables)
 

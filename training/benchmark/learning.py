@@ -8,17 +8,21 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
+import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper
 
 from passloc_env import Scenario
 from passloc_env.sb3 import make_vec_env
 from training.benchmark.filterpy_env import FilterPyEnv
 from training.benchmark.report import Learner, Learning, spread
+from training.hyperparameters import Hyperparameters
+from training.vector_ppo import VectorPPO
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,18 @@ class Plan:
     epochs: int = 4
     layers: tuple[int, ...] = (64, 64)
 
+    @classmethod
+    def that_learns_best(cls, name: str) -> Plan:
+        """With the hyperparameters of a scenario's shipped agent."""
+        best = Hyperparameters.for_scenario(name)
+        return cls(
+            environments=best.environments,
+            steps=best.rollout,
+            batch=best.batch_size,
+            epochs=best.epochs,
+            layers=best.network,
+        )
+
     @property
     def rollout(self) -> int:
         """Decisions per rollout."""
@@ -56,10 +72,15 @@ class Plan:
 
 @dataclass(frozen=True)
 class Turn:
-    """Seconds per sensor step of collecting, and per rollout of the update."""
+    """Seconds per sensor step of collecting, and per rollout of the update; per sensor step within the environment."""
 
     collecting: float
     updating: float
+    flying: float = 0.0
+
+    def share(self, sensor_steps: int) -> float:
+        """The environment's share of the time that rollouts of so many sensor steps take."""
+        return self.flying * self.per_second(sensor_steps)
 
     def per_second(self, sensor_steps: int) -> float:
         """Sensor steps per second for rollouts of so many."""
@@ -69,13 +90,13 @@ class Turn:
 class Side:
     """One PPO learner that is given turns."""
 
-    def __init__(self, env: VecEnv, steps: int, scenario: Scenario, plan: Plan) -> None:
+    def __init__(self, learner: type[PPO], env: VecEnv, steps: int, scenario: Scenario, plan: Plan) -> None:
         self._rollout = env.num_envs * steps
         self._decision_every = scenario.episode.decision_every
-        self._stopwatch = _Stopwatch()
-        self._agent = PPO(
+        self._stopwatch, self._timed = _Stopwatch(), _Timed(env)
+        self._agent = learner(
             "MlpPolicy",
-            env,
+            self._timed,
             n_steps=steps,
             batch_size=min(plan.batch, self._rollout),
             n_epochs=plan.epochs,
@@ -85,13 +106,35 @@ class Side:
 
     def turn(self, rollouts: int) -> Turn:
         """Learn from so many rollouts."""
-        self._stopwatch.collecting = 0.0
+        self._stopwatch.collecting = self._timed.flying = 0.0
         begun = time.perf_counter()
         decisions = rollouts * self._rollout
         self._agent.learn(decisions, callback=self._stopwatch, reset_num_timesteps=False)
         total = time.perf_counter() - begun
         collecting = self._stopwatch.collecting
-        return Turn(collecting / (decisions * self._decision_every), (total - collecting) / rollouts)
+        sensor_steps = decisions * self._decision_every
+        return Turn(collecting / sensor_steps, (total - collecting) / rollouts, self._timed.flying / sensor_steps)
+
+
+class _Timed(VecEnvWrapper):
+    """Adds up the time within the environment."""
+
+    flying = 0.0
+
+    def reset(self) -> Any:
+        """Begin new episodes."""
+        return self.venv.reset()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """The step."""
+        self._begun = time.perf_counter()
+        self.venv.step_async(actions)
+
+    def step_wait(self) -> Any:
+        """What it came to."""
+        found = self.venv.step_wait()
+        self.flying += time.perf_counter() - self._begun
+        return found
 
 
 class _Stopwatch(BaseCallback):
@@ -122,10 +165,10 @@ def measure_learning(scenario: Scenario, rounds: int, plan: Plan) -> Learning:
     rollouts = -(-decisions // plan.steps)
     sensor_steps = plan.rollout * scenario.episode.decision_every
     with _one_thread():
-        ours = Side(make_vec_env(scenario, plan.environments, seed=0), plan.steps, scenario, plan)
+        ours = Side(VectorPPO, make_vec_env(scenario, plan.environments, seed=0), plan.steps, scenario, plan)
         peers = DummyVecEnv([lambda: FilterPyEnv(scenario)] * plan.peer_environments)
         peers.seed(0)
-        theirs = Side(peers, plan.peer_steps, scenario, plan)
+        theirs = Side(PPO, peers, plan.peer_steps, scenario, plan)
         ours.turn(1)
         theirs.turn(1)
         our_turns, their_turns = [], []
@@ -134,7 +177,7 @@ def measure_learning(scenario: Scenario, rounds: int, plan: Plan) -> Learning:
             turn = theirs.turn(1)
             # The same network updates on as many decisions, wherever they come from.
             updating = turn.updating if plan.whole else our_turns[-1].updating
-            their_turns.append(Turn(turn.collecting, updating))
+            their_turns.append(replace(turn, updating=updating))
     ratios = [
         a.per_second(sensor_steps) / b.per_second(sensor_steps) for a, b in zip(our_turns, their_turns, strict=True)
     ]
@@ -154,7 +197,10 @@ def measure_learning(scenario: Scenario, rounds: int, plan: Plan) -> Learning:
 
 
 def _notes(plan: Plan) -> list[str]:
-    notes = ["Time limits are bootstrapped on both sides, as SB3's own vector environments do."]
+    notes = [
+        "Time limits are bootstrapped on both sides, as SB3's own vector environments do.",
+        "passloc learns with VectorPPO, whose rollouts look at no environment alone; the peer with SB3's PPO.",
+    ]
     if not plan.whole:
         notes.append(
             f"The FilterPy environments collected {plan.peer_environments} × {plan.peer_steps} decisions a turn; their "
@@ -171,6 +217,7 @@ def _learner(name: str, environments: int, turns: list[Turn], sensor_steps: int)
         spread([turn.per_second(sensor_steps) for turn in turns]),
         spread([1.0 / turn.collecting for turn in turns]),
         spread([turn.updating for turn in turns]),
+        spread([turn.share(sensor_steps) for turn in turns]),
     )
 
 

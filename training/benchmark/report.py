@@ -125,6 +125,7 @@ class Learner:
         per_second: sensor steps per second on the clock, collecting and updates together.
         collecting: sensor steps per second while collecting.
         updating: seconds per update.
+        share: the environment's part of the time.
     """
 
     name: str
@@ -132,6 +133,7 @@ class Learner:
     per_second: Spread
     collecting: Spread
     updating: Spread
+    share: Spread
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,7 @@ class Results:
         peers: the FilterPy environment in others' wrappers, unless left out.
         growth: every scenario, unless left out.
         trackers: the trackers alone, unless left out.
-        learning: PPO, unless left out.
+        learning: PPO, at settings that are fast and at those that learn best; empty when left out.
     """
 
     command: str
@@ -206,7 +208,7 @@ class Results:
     peers: Stepping | None = None
     growth: Growth | None = None
     trackers: Stepping | None = None
-    learning: Learning | None = None
+    learning: tuple[Learning, ...] = ()
 
     def to_json(self) -> str:
         """JSON text with every number."""
@@ -238,9 +240,9 @@ def show(results: Results, console: Console | None = None) -> None:
         _print_notes(console, remarks + stepping.notes)
     if results.growth is not None:
         console.print(_growth_table(results.growth))
-    if results.learning is not None:
-        console.print(_learning_table(results.learning))
-        _print_notes(console, results.learning.notes)
+    for learning in results.learning:
+        console.print(_learning_table(learning))
+        _print_notes(console, learning.notes)
 
 
 def _stepping_table(stepping: Stepping) -> Table:
@@ -275,10 +277,10 @@ def _learning_table(learning: Learning) -> Table:
     )
     table = Table(title=title, caption=f"passloc : FilterPy = {learning.ratio}", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("environment", no_wrap=True)
-    for heading in ("N", "end to end", "collecting", "s per update"):
+    for heading in ("N", "end to end", "collecting", "s per update", "environment's\nshare"):
         table.add_column(heading, justify="right", no_wrap=True)
     for learner in learning.learners:
-        measured = (learner.per_second, learner.collecting, learner.updating)
+        measured = (learner.per_second, learner.collecting, learner.updating, learner.share)
         table.add_row(learner.name, str(learner.environments), *(_short(each.median) for each in measured))
     return table
 
