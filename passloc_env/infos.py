@@ -36,7 +36,7 @@ class Infos(list[Any]):
         """Whether a list says the same."""
         return self.copy() == (other.copy() if isinstance(other, Infos) else other)
 
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None
 
     def __repr__(self) -> str:
         return repr(self.copy())

@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 
 class VectorPPO(PPO):
-    """PPO for vector environments of any size, with actions from a ``Box`` or a ``MultiDiscrete``; arguments as there."""
+    """PPO for vector environments of any size, with actions from a ``Box`` or a ``MultiDiscrete``."""
 
     def _setup_model(self) -> None:
         if self.rollout_buffer_class is None and not isinstance(self.observation_space, spaces.Dict):
