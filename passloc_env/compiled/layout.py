@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from passloc_env.compiled.graph import DRAWN, Drawn, Node, Value
+from passloc_env.compiled.graph import DRAWN, Drawn, Node, TraceError, Value
 from passloc_env.compiled.instructions import INSTRUCTIONS
 from passloc_env.compiled.levels import Levels
 from passloc_env.compiled.stage import COLUMN, FIRST, Slot, Stage
@@ -76,22 +76,26 @@ class Layout:
         self.kinds += [_kind(stage, slot, value) for slot, value in stage.outputs.items()]
         self.fixed, self.scratch = len(self.inputs) + len(self.outputs), 0
         self.stores: list[list[tuple[Home, Value]]] = [[] for _ in self.levels]
-        self.calls: list[list[Call]] = []
-        for depth, level in enumerate(self.levels):
-            self.calls.append([self._call(depth, name, nodes) for name, nodes in level.called.items()])
-        last = len(self.levels) - 1
-        written = [
-            (last if in_place else self.levels.ready(value), Home(row, self.kinds[row]), value)
-            for row, value in enumerate(stage.outputs.values(), len(self.inputs))
+        self.calls = [
+            [self._call(depth, name, nodes) for name, nodes in level.called.items()]
+            for depth, level in enumerate(self.levels)
         ]
+        self._schedule(stage)
+
+    def _schedule(self, stage: Stage) -> None:
+        """When outputs are written, and what must be kept from one level to another."""
+        last = len(self.levels) - 1
+        written: list[list[tuple[Home, Value]]] = [[] for _ in self.levels]
+        for row, value in enumerate(stage.outputs.values(), len(self.inputs)):
+            depth = last if self.in_place else self.levels.ready(value)
+            written[depth].append((Home(row, self.kinds[row]), value))
         for depth, level in enumerate(self.levels):
-            needed: list[Value] = [operand for node in level.plain for operand in node.operands]
-            needed += [value for _, value in self.stores[depth]]
-            needed += [value for when, _, value in written if when == depth]
-            for value in [*needed, stage.guard] if depth == last else needed:
-                self._keep(depth, value)
-        for depth, home, value in written:
-            self.stores[depth].append((home, value))
+            for node in level.plain:
+                self._keep(depth, node.operands)
+            self._keep(depth, [value for _, value in self.stores[depth] + written[depth]])
+        self._keep(last, [stage.guard])
+        for stores, outputs in zip(self.stores, written, strict=True):
+            stores += outputs
 
     def _input(self, slot: Slot, kind: str) -> Home:
         self.inputs.append(slot)
@@ -105,11 +109,13 @@ class Layout:
         self.homes |= {id(node): self._take("double") for node in nodes}
         return call
 
-    def _keep(self, depth: int, value: Value) -> None:
-        """Have an earlier level put away what this one needs."""
-        if isinstance(value, Node) and id(value) not in self.homes and self.levels.ready(value) < depth:
-            self.homes[id(value)] = home = self._take("i8" if value.logical else "double")
-            self.stores[self.levels.ready(value)].append((home, value))
+    def _keep(self, depth: int, values: Iterable[Value]) -> None:
+        """Have earlier levels put away what this one needs."""
+        for value in values:
+            ready = self.levels.ready(value)
+            if isinstance(value, Node) and id(value) not in self.homes and ready < depth:
+                self.homes[id(value)] = home = self._take("i8" if value.logical else "double")
+                self.stores[ready].append((home, value))
 
     def _take(self, kind: str) -> Home:
         self.scratch += 1
@@ -118,4 +124,8 @@ class Layout:
 
 def _kind(stage: Stage, slot: Slot, value: Value) -> str:
     like = np.asarray(value.value if isinstance(value, Node) else value).dtype
-    return next(kind for kind, held in KINDS.items() if held == stage.kinds.get(slot[0], like))
+    held = stage.kinds.get(slot[0], like)
+    for kind, known in KINDS.items():
+        if held == known:
+            return kind
+    raise TraceError(f"{slot[0]} holds {held}")

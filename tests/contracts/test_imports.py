@@ -28,6 +28,7 @@ ROOMS = [
     ["scenario"],
     ["models", "scenarios"],
     ["compiled", "opening"],
+    ["world"],
     ["simulation"],
     ["survey"],
     ["actions", "spaces", "batch", "vector_info"],
@@ -97,7 +98,7 @@ def test_rooms_point_down(path):
 def test_rooms_hold_the_arrows_of_the_design():
     """The list itself: what the world is made of never knows the world, nor its faces."""
     for part in ("motion", "platforms", "sensors", "tracking", "rewards", "belief", "scenario"):
-        assert FLOOR[part] < FLOOR["simulation"] < FLOOR["vector_env"] < FLOOR["env"]
+        assert FLOOR[part] < FLOOR["world"] < FLOOR["simulation"] < FLOOR["vector_env"] < FLOOR["env"]
     assert FLOOR["motion"] < FLOOR["platforms"] < FLOOR["sensors"] < FLOOR["tracking"] < FLOOR["observability"]
     assert len(FLOOR) == sum(len(rooms) for rooms in ROOMS)
 
