@@ -113,7 +113,11 @@ class Batch:
 
     def observe(self) -> np.ndarray:
         """Observations ``(N, f)``, float32."""
-        return self.gather(lambda tile: tile.observe().astype(np.float32))
+        observed = [tile.observe() for tile in self.tiles]
+        observation = np.empty((self.size, len(observed[0])), np.float32)
+        for part, features in zip(self.slices, observed, strict=True):
+            observation[part] = features.T
+        return observation
 
     def info(self, diagnostics: bool) -> dict[str, Any]:
         """Named reward terms and the violation flag; with ``diagnostics`` what only the world knows as well."""

@@ -259,7 +259,8 @@ def spherical_j1(x: Array) -> Array:
 def _spherical_j1(x: Array, sine: Array, cosine: Array) -> Array:
     small = np.abs(x) < 0.05
     square = x * x
-    series = x / 3.0 * (1.0 - square / 10.0 * (1.0 - square / 28.0 * (1.0 - square / 54.0)))
+    tail = 1.0 - square * (1.0 / 28.0) * (1.0 - square * (1.0 / 54.0))
+    series = x * (1.0 / 3.0) * (1.0 - square * 0.1 * tail)
     return np.where(small, series, (sine - x * cosine) / np.where(small, 1.0, square))
 
 
@@ -330,7 +331,7 @@ class Manoeuvre(Motion):
         velocity = state[d : d + 2]
         speed = np.maximum(np.sqrt(inner(velocity, velocity)), 1e-9)
         sine, cosine = sine_cosine(half)
-        middle = turned(velocity / speed, sine, cosine)
+        middle = turned(velocity * (1.0 / speed), sine, cosine)
         sideways = rows(middle[1], -middle[0])
         along, across = (speed + gain) * _sinc(half, sine), gain * _spherical_j1(half, sine, cosine)
         moved = state.copy()

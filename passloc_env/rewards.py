@@ -209,7 +209,7 @@ class KeepOut(RewardTerm):
         """The ramp between ``min_range (1 + margin)`` and ``min_range``."""
         if outcome.min_range == 0.0:
             return zeros(outcome.closest, outcome.closest.shape)
-        depth = (1.0 + self.margin - outcome.closest / outcome.min_range) / self.margin
+        depth = (1.0 + self.margin - outcome.closest * (1.0 / outcome.min_range)) * (1.0 / self.margin)
         return -np.minimum(np.maximum(depth, 0.0), 1.0)
 
 
