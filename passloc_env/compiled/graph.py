@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from passloc_env.special import FURTHER
+
 Value = Any
 """An operation's operand: a :class:`Node`, or a Python float or bool."""
 
@@ -122,15 +124,16 @@ class Graph:
 
 
 def function(name: str) -> Any:
-    """The NumPy function of an operation."""
-    return getattr(np, name)
+    """The function of an operation: NumPy's, or one that NumPy lacks."""
+    return FURTHER.get(name) or getattr(np, name)
 
 
 def evaluate(name: str, values: list[Any]) -> float | bool:
     """One operation on numbers, by NumPy."""
     with np.errstate(all="ignore"):
         result = function(name)(*values)
-    return result.item()
+    value: float | bool = np.asarray(result).item()
+    return value
 
 
 def _simplified(name: str, operands: tuple[Value, ...]) -> Value | None:

@@ -24,7 +24,9 @@ class Traced(np.ndarray):
         if method == "reduce":
             result = _reduced(ufunc, inputs[0], axis)
         elif method == "__call__":
-            result = _elementwise(ufunc.__name__, ufunc.nin)(*map(_plain, inputs))
+            # NumPy's name for functions made from Python's.
+            name = ufunc.__name__.removesuffix(" (vectorized)")
+            result = _elementwise(name, ufunc.nin)(*map(_plain, inputs))
         else:
             raise TraceError(f"numpy.{ufunc.__name__}.{method}")
         if options:

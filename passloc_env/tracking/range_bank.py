@@ -15,11 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, IntArray
+from passloc_env.arrays import Array, BoolArray, IntArray, zeros
 from passloc_env.fields import count, quantity
 from passloc_env.linalg import inner, matvec, tree_sum
 from passloc_env.platforms import Pose
 from passloc_env.sightline import distance
+from passloc_env.special import erf
 from passloc_env.tracking.correction import log_likelihood
 from passloc_env.tracking.mixture import MixtureTrack, moments
 from passloc_env.tracking.tracker import Models
@@ -87,16 +88,16 @@ class RangeBankTrack(MixtureTrack):
         member spans the same angle.
         """
         if self._bank.members == 1:
-            return np.ones(mean[:1].shape), mean[:, None], covariance[:, :, None]
+            return zeros(mean, mean[:1].shape) + 1.0, mean[:, None], covariance[:, :, None]
         position, centre = self.models.layout.position, distance(away)
-        gradient = np.zeros(mean.shape)
+        gradient = zeros(mean, mean.shape)
         gradient[position] = away / centre
         shared = matvec(covariance, gradient)
         variance = np.maximum(inner(gradient, shared), (_NARROWEST * centre) ** 2)
         weights, ranges, variances = self._stretches(centre, np.sqrt(variance))
         along = shared / variance
         means = mean[:, None] + along[:, None] * (ranges - centre)
-        growth = np.ones((len(mean), *ranges.shape))
+        growth = zeros(mean, (len(mean), *ranges.shape)) + 1.0
         growth[position] = ranges / centre
         residual = (covariance - variance * (along[:, None] * along))[:, :, None]
         covariances = growth[:, None] * growth * residual + variances * (along[:, None] * along)[:, :, None]
@@ -110,16 +111,19 @@ class RangeBankTrack(MixtureTrack):
         shares = np.arange(bank.members + 1)[:, None] / bank.members
         ends = nearest * (furthest / nearest) ** shares
         scaled = (ends - centre) / sigma
-        mass = np.diff(_normal_distribution(scaled), axis=0)
+        mass = _differences(_normal_distribution(scaled))
         density = np.exp(-0.5 * scaled * scaled) / math.sqrt(2.0 * math.pi)
-        shift = -np.diff(density, axis=0) / mass
-        spread = 1.0 - np.diff(scaled * density, axis=0) / mass - shift * shift
+        shift = -_differences(density) / mass
+        spread = 1.0 - _differences(scaled * density) / mass - shift * shift
         return mass / tree_sum(mass.copy()), centre + sigma * shift, sigma * sigma * spread
 
 
-_error_function = np.frompyfunc(math.erf, 1, 1)
+def _differences(values: Array) -> Array:
+    """Each row but the first, less the one before it."""
+    return values[1:] - values[:-1]
 
 
 def _normal_distribution(x: Array) -> Array:
     """The standard normal distribution function."""
-    return 0.5 * (1.0 + np.asarray(_error_function(x / math.sqrt(2.0)), float))
+    distribution: Array = 0.5 * (1.0 + erf(x / math.sqrt(2.0)))
+    return distribution

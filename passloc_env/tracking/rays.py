@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from passloc_env.angles import sine_cosine
 from passloc_env.arrays import Array, BoolArray, IntArray, rows
 from passloc_env.linalg import tree_sum
 
@@ -95,7 +96,7 @@ class Rays:
     def from_stations(cls, stations: Array, bearings: Array, centre: Array, weight: Array) -> Rays:
         """Rays from stations ``(2, M, N)`` along compass bearings ``(M, N)``."""
         east, north = stations
-        sine, cosine = np.sin(bearings), np.cos(bearings)
+        sine, cosine = sine_cosine(bearings)
         return cls(sine, cosine, sine * east + cosine * north, cosine * east - sine * north, centre, weight)
 
     def only(self, there: BoolArray) -> Rays:

@@ -13,7 +13,7 @@ PACKAGES = ("passloc_env", "agents", "training")
 """Each may import itself and those before it."""
 
 ROOMS = [
-    ["arrays", "errors", "infos", "lazy", "slab", "units", "shadowing"],
+    ["arrays", "errors", "infos", "lazy", "slab", "special", "units", "shadowing"],
     ["angles", "checks", "layout", "linalg", "component", "nuisance"],
     ["frames", "distributions", "noise", "overrides", "triangular"],
     ["fields"],
