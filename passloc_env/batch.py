@@ -84,9 +84,7 @@ class Batch:
         """Concatenate ``(…, n)`` arrays of the tiles to a fresh ``(N, …)``."""
         parts = [pick(tile) for tile in self.tiles]
         joined = parts[0].copy() if len(parts) == 1 else np.concatenate(parts, axis=-1)
-        if joined.ndim < 3:
-            return np.ascontiguousarray(joined.T)
-        return np.ascontiguousarray(np.moveaxis(joined, -1, 0))
+        return joined if joined.ndim == 1 else np.ascontiguousarray(np.moveaxis(joined, -1, 0))
 
     def fly(self, actions: Array, resetting: BoolArray, same_step: bool, diagnostics: bool) -> Round:
         """One decision, or a new episode where ``resetting (N,)``; with ``same_step`` also where one has just ended."""

@@ -113,6 +113,8 @@ class EpisodeNoise:
         self.first_cells = self._rows * (sizes.steps + 1)
         self._bits = np.random.PCG64(0)
         self._generator = np.random.Generator(self._bits)
+        self._words = {"state": 0, "inc": 1}
+        self._state: Any = {"bit_generator": "PCG64", "state": self._words, "has_uint32": 0, "uinteger": 0}
 
     def draw(self, column: int, generator: np.random.Generator) -> None:
         """Draw a whole episode for one environment; takes one block of words from its generator."""
@@ -139,9 +141,8 @@ class EpisodeNoise:
     def _stream(self, keys: list[int], kind: int) -> np.random.Generator:
         """The stream of a kind of noise: one generator, set anew, for building one costs more than its draws."""
         high, low, odd, even = keys[4 * kind : 4 * kind + 4]
-        state = {"state": high << 64 | low, "inc": odd << 64 | even | 1}
-        whole: Any = {"bit_generator": "PCG64", "state": state, "has_uint32": 0, "uinteger": 0}
-        self._bits.state = whole
+        self._words["state"], self._words["inc"] = high << 64 | low, odd << 64 | even | 1
+        self._bits.state = self._state
         return self._generator
 
     def at(self, step: IntArray, columns: IntArray | slice = slice(None)) -> StepNoise:

@@ -63,7 +63,7 @@ class Flight:
         for first in range(0, len(columns), len(self._columns)):
             some = columns[first : first + len(self._columns)]
             self._columns[: len(some)] = some
-            met &= self._open.first(len(some))
+            met &= self._open(len(some))
         return met
 
     def step(self, action: np.ndarray) -> None:

@@ -91,31 +91,27 @@ class Run:
         self._kept = code, rows, (ctypes.c_void_p * len(starts))(*starts)
         self._table = ctypes.addressof(self._kept[-1])
         self._functions, self._calls, self._scratch = functions, calls, scratch
+        self._bound: dict[int, list[_Step]] = {}
         self._environments = scratch.shape[1]
-        self._steps = self._bound(self._environments)
 
-    def __call__(self) -> bool:
-        """Run for all environments; tells whether the guard held everywhere."""
-        return self._run(self._environments, self._steps)
-
-    def first(self, environments: int) -> bool:
-        """The same for the first of them only."""
-        return self._run(environments, self._bound(environments))
-
-    def _run(self, environments: int, steps: list[_Step]) -> bool:
+    def __call__(self, environments: int | None = None) -> bool:
+        """Run for all environments, or for the first ones; tells whether the guard held everywhere."""
+        environments = self._environments if environments is None else environments
         met, table = True, self._table
-        for function, calls in steps:
+        for function, calls in self._bound.get(environments) or self._bind(environments):
             met &= function(table, environments)
             for called, operands, result in calls:
                 called(*operands, out=result)
         return met
 
-    def _bound(self, environments: int) -> list[_Step]:
+    def _bind(self, environments: int) -> list[_Step]:
+        """What is to be done for so many; kept for the next time."""
         scratch = self._scratch[:, :environments]
-        return [
+        self._bound[environments] = steps = [
             (function, [_bound(call, scratch) for call in calls])
             for function, calls in zip(self._functions, self._calls, strict=True)
         ]
+        return steps
 
 
 def _bound(call: Call, scratch: np.ndarray) -> tuple[Any, list[np.ndarray], np.ndarray]:
