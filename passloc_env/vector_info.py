@@ -18,14 +18,18 @@ class Partial:
 
 def masked(info: dict[str, Any], mask: BoolArray) -> dict[str, Any]:
     """Info in Gymnasium's vector form: a ``_key`` mask beside each key, zeros where an environment has no info."""
+    return _masked(info, mask, bool(mask.all()))
+
+
+def _masked(info: dict[str, Any], mask: BoolArray, everywhere: bool) -> dict[str, Any]:
     result: dict[str, Any] = {}
     for key, value in info.items():
         own = mask
         if isinstance(value, Partial):
             value, own = value.value, value.mask
         elif isinstance(value, dict):
-            value = masked(value, mask)
-        elif not mask.all():
+            value = _masked(value, mask, everywhere)
+        elif not everywhere:
             value = np.where(mask.reshape(-1, *(1,) * (value.ndim - 1)), value, np.zeros((), value.dtype))
         result[key], result[f"_{key}"] = value, own.copy()
     return result

@@ -24,6 +24,9 @@ from training.benchmark.recording import Look, Replayed
 from training.benchmark.report import Row, Stepping, spread
 
 PEER = "FilterPy environment"
+_MANY = 256
+"""Environments from which the limit is one: a few leave most of the processor's width idle."""
+
 _DRAWN_ACTIONS = 61
 """Rows of actions drawn ahead of time: prime, so that they fall out of step with the episodes."""
 
@@ -273,7 +276,7 @@ def _shares(rows: Sequence[Row]) -> list[str]:
     limits = [row for row in rows if row.name == limit.LimitCandidate.name]
     notes = []
     for row in rows:
-        if limits and row.name == VectorCandidate.name:
+        if limits and row.name == VectorCandidate.name and row.environments >= _MANY:
             share = row.per_cpu_second.median / limits[0].per_cpu_second.median
             notes.append(f"N = {row.environments}: {share:.2f} of what the C kernel does.")
     return notes
