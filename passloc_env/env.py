@@ -13,6 +13,7 @@ from passloc_env.actions import finite_actions
 from passloc_env.batch import Batch
 from passloc_env.belief import Belief
 from passloc_env.errors import NotResetError
+from passloc_env.rendering.renderer import FRAMES_PER_SECOND, RENDER_MODES
 from passloc_env.scenario import Scenario
 from passloc_env.vector_env import LocalisationVectorEnv
 
@@ -77,6 +78,7 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
       ``{"episode.decision_every": 1, "sensors.0.sigma": 0.01}``.
     * ``diagnostics``: put truth, estimate, covariance, NEES, relative range error, bound (σ_r in metres), range and
       repairs into ``info``.
+    * ``render_mode``: ``rgb_array`` or ``human``; needs ``passloc[render]``.
 
     ```python
     import gymnasium, passloc_env
@@ -92,7 +94,7 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         ScenarioError: an unknown scenario or field, or an impossible value.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": FRAMES_PER_SECOND}
 
     def __init__(
         self,
@@ -100,10 +102,17 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         *,
         overrides: Mapping[str, Any] | None = None,
         diagnostics: bool = False,
+        render_mode: str | None = None,
     ) -> None:
         self._batch_of_one = LocalisationVectorEnv(
-            1, scenario, overrides=overrides, autoreset_mode=AutoresetMode.DISABLED, diagnostics=diagnostics
+            1,
+            scenario,
+            overrides=overrides,
+            autoreset_mode=AutoresetMode.DISABLED,
+            diagnostics=diagnostics,
+            render_mode=render_mode,
         )
+        self.render_mode = render_mode
         self.scenario = self._batch_of_one.scenario
         self.observation_space = self._batch_of_one.single_observation_space
         self.action_space = self._batch_of_one.single_action_space
@@ -141,6 +150,19 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         except NotResetError:
             raise NotResetError("no episode is running: call reset() first") from None
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
+
+    def render(self) -> np.ndarray | None:
+        """With ``rgb_array`` a picture of the episode ``(600, 600, 3)``, uint8; else None.
+
+        Raises:
+            NotResetError: before the first reset.
+        """
+        frames = self._batch_of_one.render()
+        return None if frames is None else frames[0]
+
+    def close(self) -> None:
+        """Close the window."""
+        self._batch_of_one.close()
 
     @property
     def belief(self) -> Belief:

@@ -52,5 +52,9 @@ class WorkerError(RuntimeError):
     """A process that held part of a batch is gone."""
 
 
+class RenderError(RuntimeError):
+    """A picture cannot be shown."""
+
+
 class NotResetError(RuntimeError):
     """A step was asked for before the first reset."""

@@ -15,6 +15,7 @@ from passloc_env.batch import Batch
 from passloc_env.belief import Belief
 from passloc_env.crew import CrewBatch, build_batch
 from passloc_env.errors import NotResetError, unknown_name
+from passloc_env.rendering.renderer import FRAMES_PER_SECOND, RENDER_MODES, Renderer
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
 from passloc_env.spaces import action_space, observation_space
@@ -44,14 +45,23 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             same to the last bit. A script that asks for more than one must do its work under
             ``if __name__ == "__main__":``, for the others import it. The worlds of a batch on several processes
             cannot be watched, and the environment cannot be copied.
+        render_mode: ``rgb_array`` for pictures by :meth:`render`, ``human`` for a window with the first environment. It
+            needs ``passloc[render]``, and costs speed.
 
     Raises:
         ScenarioError: an unknown scenario or field, or an impossible value.
-        ValueError: a number of environments or workers below one, or an unknown autoreset mode.
+        ValueError: a number of environments or workers below one, an unknown autoreset or render mode, or a render mode
+            with several workers.
+        DependencyNotInstalled: a render mode without pygame.
+        RenderError: a window without a display.
         WorkerError: from any method, when one of the processes has died.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {
+        "render_modes": list(RENDER_MODES),
+        "render_fps": FRAMES_PER_SECOND,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
@@ -62,6 +72,7 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         diagnostics: bool = False,
         workers: int = 1,
+        render_mode: str | None = None,
     ) -> None:
         for name, number in {"num_envs": num_envs, "workers": workers}.items():
             if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
@@ -70,6 +81,8 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.num_envs, self.diagnostics = int(num_envs), diagnostics
         self.metadata = {**self.metadata, "autoreset_mode": _mode(autoreset_mode)}
         self.batch: Batch | CrewBatch = build_batch(self.scenario, self.num_envs, int(workers))
+        self.render_mode = render_mode
+        self._renderer = None if render_mode is None else Renderer(self.batch, render_mode)
         self.single_observation_space = observation_space(self.scenario)
         self.single_action_space = action_space(self.scenario)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -108,6 +121,7 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.batch.reset(mask)
         self._started |= mask
         self._ended[mask] = False
+        self._show()
         return self.batch.observe(), masked(self.batch.info(self.diagnostics), mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -131,13 +145,32 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._ended = terminated | truncated
         if last is not None:
             info |= _finals(*last, self._ended)
+        self._show()
         everywhere = np.ones(self.num_envs, bool)
         return observation, reward, terminated, truncated, masked(info, everywhere)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Send the workers home."""
+        """Send the workers home and close the window."""
+        if self._renderer is not None:
+            self._renderer.close()
         if isinstance(self.batch, CrewBatch):
             self.batch.close()
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """With ``rgb_array`` a picture ``(600, 600, 3)`` uint8 of each of the first 16 environments, else None.
+
+        Raises:
+            NotResetError: before the first reset.
+        """
+        if self._renderer is None or self.render_mode == "human":
+            return None
+        if not self._started.all():
+            raise NotResetError("render was called before reset: call reset() first")
+        return self._renderer.frames()
+
+    def _show(self) -> None:
+        if self._renderer is not None and self.render_mode == "human":
+            self._renderer.show()
 
     @property
     def belief(self) -> Belief:

@@ -19,8 +19,8 @@ from matplotlib.ticker import FixedLocator, Locator, LogLocator, MaxNLocator, Nu
 from passloc_env.arrays import Array
 from passloc_env.frames import from_geodetic, geodetic
 from passloc_env.platforms import CircularOrbit
+from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER
 from passloc_env.survey import Survey
-from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
 
 _CELLS = 61
 _MARGIN = 1.3

@@ -18,15 +18,13 @@ from matplotlib.patches import Ellipse
 
 from agents import Policy
 from passloc_env.arrays import Array
+from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 from passloc_env.vector_env import LocalisationVectorEnv
 from training.episodes import decide
 from training.evaluate import Evaluation
 from training.train import Run
-
-EMITTER, OBSERVER, ESTIMATE, BOUND = "#D55E00", "#0072B2", "#009E73", "#555555"
-"""Okabe and Ito's colours, told apart by colour-blind eyes."""
 
 _ELLIPSES = 8
 """Belief ellipses drawn along an episode."""

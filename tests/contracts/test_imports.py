@@ -33,8 +33,9 @@ ROOMS = [
     ["survey"],
     ["actions", "spaces", "batch", "vector_info"],
     ["crew"],
+    ["rendering"],
     ["vector_env"],
-    ["env", "rendering", "sb3"],
+    ["env", "sb3"],
     ["registration", "launcher"],
     ["__init__"],
 ]

@@ -19,6 +19,7 @@ from passloc_env.observability import (
     rank_report,
     record_scale,
 )
+from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.survey import Survey
@@ -26,7 +27,6 @@ from passloc_env.units import DEGREE, GIGAHERTZ, SPEED_OF_LIGHT
 from training.papers.comparison import HEADINGS, fixed_against_moving, row
 from training.papers.monte_carlo import History, run
 from training.papers.reproduction import Reproduction, Verdict, holds
-from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
 
 CASES = {case: SCENARIOS[f"BearingDopplerCase{case}"] for case in ("1a", "1b", "2a", "2b")}
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from passloc_env.angles import bearing_of, direction
 from passloc_env.arrays import Array
+from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER
 from passloc_env.tracking.cross_fix import (
     least_squares,
     maximum_likelihood,
@@ -23,7 +24,6 @@ from passloc_env.tracking.cross_fix import (
 )
 from training.papers.moving_cross_fix import LIMITS, reproduce_in_the_environment
 from training.papers.reproduction import Reproduction, Verdict, holds
-from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
 from training.statistics import Estimate, rate
 
 TRIALS = 200_000

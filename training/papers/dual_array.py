@@ -26,6 +26,7 @@ from passloc_env.observability import (
     rank_report,
     record_scale,
 )
+from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.simulation import Simulation
@@ -45,7 +46,6 @@ from training.papers.comparison import (
 )
 from training.papers.monte_carlo import History, run
 from training.papers.reproduction import Reproduction, Verdict, holds
-from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
 from training.statistics import root_mean_square
 
 _REGISTERED = SCENARIOS["DualArray"]

@@ -13,6 +13,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from passloc_env.arrays import Array
 from passloc_env.platforms import CircularOrbit
+from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER
 from passloc_env.scenario import Bound, Episode, Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.scenarios.dual_satellite import interferometer
@@ -24,7 +25,6 @@ from passloc_env.units import DEGREE, KILOMETRE, NANOSECOND
 from training.papers.monte_carlo import run
 from training.papers.reproduction import Reproduction, Verdict, holds
 from training.papers.satellite_record import Errors, Looks, Record, record, track_looks
-from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
 from training.statistics import Bootstrap, root_mean_square
 
 _PERIOD = 0.01

@@ -20,6 +20,7 @@ from passloc_env.observability import (
     radial_acceleration_gram_determinant,
     track_state_rows,
 )
+from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.target import PolarStart
@@ -39,7 +40,6 @@ from training.papers.comparison import (
 )
 from training.papers.monte_carlo import History, run
 from training.papers.reproduction import Reproduction, Verdict, holds
-from training.pictures import BOUND, EMITTER, ESTIMATE, OBSERVER
 
 _RANGE = 200 * KILOMETRE
 _ANGLES, _SPEEDS = (0.0, 45.0, 60.0), (200.0, 350.0)
