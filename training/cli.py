@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from passloc_env.errors import InputError
+from passloc_env.errors import InputError, RenderError
 from training.arguments import free_path, parse_overrides, read_scenario
 from training.commands import (
     Ablate,
@@ -19,6 +19,7 @@ from training.commands import (
     Leaderboard,
     List,
     Observe,
+    Replay,
     Reproduce,
     Seeds,
     Train,
@@ -30,6 +31,7 @@ Command = (
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Observe, tyro.conf.subcommand("observe")]
+    | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Tune, tyro.conf.subcommand("tune")]
@@ -54,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("passloc: interrupted", file=sys.stderr)
         return _INTERRUPTED
-    except (InputError, OSError) as error:
+    except (InputError, RenderError, OSError) as error:
         print(f"passloc: {error}", file=sys.stderr)
         return 2
     return 0
@@ -106,6 +108,12 @@ def _observe(arguments: Observe) -> None:
     observe(arguments)
 
 
+def _replay(arguments: Replay) -> None:
+    from training.replay import replay
+
+    replay(arguments)
+
+
 def _reproduce(arguments: Reproduce) -> None:
     from training.reproduce import reproduce
 
@@ -153,6 +161,7 @@ _RUN: dict[type, Callable[[Any], None]] = {
     Train: _train,
     Evaluate: _evaluate,
     Observe: _observe,
+    Replay: _replay,
     Reproduce: _reproduce,
     Demo: _demo,
     Tune: _tune,

@@ -99,6 +99,30 @@ class Observe:
 
 
 @dataclass(frozen=True)
+class Replay:
+    """Watch policies fly the same episode, side by side: in a window, or into a file.
+
+    Examples:
+        passloc replay BearingsOnly
+        passloc replay BearingsOnly --policy learned,circle,straight --seed 1000003 --gif runs/replay.gif
+        passloc replay my_scenario.yaml --policy zigzag:angle=45 --mp4 zigzag.mp4
+    """
+
+    scenario: Positional[str] = "BearingsOnly"
+    """Name, Gymnasium id, or path of a scenario file (YAML or JSON)."""
+    policy: str = "circle"
+    """Rules and paths of trained agents, separated by commas."""
+    seed: int = EVALUATION_SEED
+    """Seed of the episode."""
+    gif: Path | None = None
+    """Write the pictures here."""
+    mp4: Path | None = None
+    """Or here."""
+    override: tuple[str, ...] = ()
+    """Scenario fields to change, as dotted.name=value."""
+
+
+@dataclass(frozen=True)
 class Reproduce:
     """Reproduce papers claim by claim: simulations, figures, claims.json and a page, each claim with its verdict.
 

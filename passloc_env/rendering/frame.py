@@ -18,10 +18,10 @@ _MAP = (12, 58, SIZE - 24, 372)
 _CHART = (62, 446, SIZE - 80, 102)
 
 
-def draw_frame(scenario: Scenario, instants: list[Instant]) -> Canvas:
-    """Draw the episode of one environment, which has begun."""
+def draw_frame(scenario: Scenario, instants: list[Instant], title: str | None = None) -> Canvas:
+    """Draw the episode of one environment, which has begun; the title is the scenario's name by default."""
     now, episode, canvas = instants[-1], scenario.episode, Canvas(SIZE, SIZE)
-    canvas.words(scenario.name, (12, 16), size=17)
+    canvas.words(scenario.name if title is None else title, (12, 16), size=17)
     clock = f"{now.time:.0f} of {episode.duration:.0f} s"
     quality = f"error {_percent(now.error)}, bound {_percent(now.bound)} of range"
     canvas.words(f"{clock} · {quality}", (SIZE - 12, 16), size=14, align="right")

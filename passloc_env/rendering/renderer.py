@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from passloc_env.batch import Batch
 from passloc_env.crew import CrewBatch
-from passloc_env.errors import RenderError, unknown_name
+from passloc_env.errors import unknown_name
 from passloc_env.rendering.canvas import Canvas, pygame
 from passloc_env.rendering.frame import SIZE, draw_frame
 from passloc_env.rendering.record import Recorder
+from passloc_env.rendering.window import Window
 
 RENDER_MODES = ("human", "rgb_array")
 FRAMES_PER_SECOND = 10
@@ -43,9 +43,10 @@ class Renderer:
         self._scenario = batch.scenario
         shown = min(batch.tiles[0].environments, _SHOWN)
         self._recorders = [Recorder(batch.tiles[0], column) for column in range(shown)]
-        self._window: Any = None
-        if pygame() and mode == "human":
-            self._window, self._clock = _open_window(batch.scenario.name), pygame().time.Clock()
+        pygame()
+        self._window: Window | None = None
+        if mode == "human":
+            self._window = Window(batch.scenario.name, SIZE, SIZE, "use render_mode='rgb_array'")
 
     def frames(self) -> tuple[np.ndarray, ...]:
         """A picture ``(600, 600, 3)`` uint8 of each environment that is shown."""
@@ -53,30 +54,15 @@ class Renderer:
 
     def show(self) -> None:
         """Bring the first environment to the window, at its time."""
-        canvas = next(self._canvases())
-        self._window.blit(canvas.surface, (0, 0))
-        pygame().event.pump()
-        pygame().display.flip()
-        self._clock.tick(FRAMES_PER_SECOND)
+        if self._window is not None:
+            self._window.show(next(self._canvases()).pixels(), FRAMES_PER_SECOND)
 
     def close(self) -> None:
         """Close the window."""
         if self._window is not None:
-            pygame().display.quit()
+            self._window.close()
             self._window = None
 
     def _canvases(self) -> Iterator[Canvas]:
         for recorder in self._recorders:
             yield draw_frame(self._scenario, recorder.look())
-
-
-def _open_window(title: str) -> Any:
-    """A window of a picture's size; RenderError where there is no display."""
-    display = pygame().display
-    try:
-        display.init()
-        window = display.set_mode((SIZE, SIZE))
-    except pygame().error as error:
-        raise RenderError(f"there is no display to show on ({error}): use render_mode='rgb_array'") from None
-    display.set_caption(title)
-    return window

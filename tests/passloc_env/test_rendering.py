@@ -1,6 +1,7 @@
 """Pictures show what they say: the right things, in the right colours, at the right places."""
 
 import copy
+import os
 
 import gymnasium
 import numpy as np
@@ -191,5 +192,12 @@ def test_a_window_shows_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_no_display_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "nonsense")
+    with pytest.raises(RenderError, match="use render_mode='rgb_array'"):
+        LocalisationEnv(render_mode="human")
+
+
+@pytest.mark.skipif("DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ, reason="there is a display here")
+def test_what_nobody_sees_is_no_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
     with pytest.raises(RenderError, match="use render_mode='rgb_array'"):
         LocalisationEnv(render_mode="human")

@@ -1,0 +1,45 @@
+"""Pictures that move: GIF and MP4 files from frames."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+from PIL import Image
+
+_COLOURS = 64
+"""Of a GIF's palette: what is drawn has ten, and the shades between them."""
+
+
+def write_gif(path: Path, frames: Iterable[np.ndarray], per_second: float) -> None:
+    """Write frames ``(height, width, 3)``; a file appears when it is whole."""
+    first, *others = (Image.fromarray(frame).quantize(_COLOURS, dither=Image.Dither.NONE) for frame in frames)
+    part = path.with_name(f".{path.name}.part")
+    try:
+        first.save(part, "GIF", save_all=True, append_images=others, duration=round(1e3 / per_second), loop=0)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_mp4(path: Path, frames: Iterable[np.ndarray], per_second: float) -> None:
+    """Write frames ``(height, width, 3)`` of even sizes; a file appears when it is whole."""
+    part = path.with_name(f".{path.stem}.part.mp4")
+    writer = None
+    try:
+        for frame in frames:
+            if writer is None:
+                height, width = frame.shape[:2]
+                writer = imageio_ffmpeg.write_frames(str(part), (width, height), fps=per_second, macro_block_size=2)
+                writer.send(None)
+            writer.send(np.ascontiguousarray(frame))
+        if writer is not None:
+            writer.close()
+            os.replace(part, path)
+    finally:
+        if writer is not None:
+            writer.close()
+        part.unlink(missing_ok=True)
