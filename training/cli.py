@@ -18,6 +18,7 @@ from training.commands import (
     Evaluate,
     Leaderboard,
     List,
+    NewScenario,
     Observe,
     Replay,
     Reproduce,
@@ -31,6 +32,7 @@ Command = (
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Observe, tyro.conf.subcommand("observe")]
+    | Annotated[NewScenario, tyro.conf.subcommand("new-scenario")]
     | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
@@ -108,6 +110,12 @@ def _observe(arguments: Observe) -> None:
     observe(arguments)
 
 
+def _new_scenario(arguments: NewScenario) -> None:
+    from training.starter import new_scenario
+
+    new_scenario(arguments)
+
+
 def _replay(arguments: Replay) -> None:
     from training.replay import replay
 
@@ -161,6 +169,7 @@ _RUN: dict[type, Callable[[Any], None]] = {
     Train: _train,
     Evaluate: _evaluate,
     Observe: _observe,
+    NewScenario: _new_scenario,
     Replay: _replay,
     Reproduce: _reproduce,
     Demo: _demo,

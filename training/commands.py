@@ -99,6 +99,21 @@ class Observe:
 
 
 @dataclass(frozen=True)
+class NewScenario:
+    """Write a scenario file to begin with: every field, with a comment that says what it means.
+
+    Examples:
+        passloc new-scenario runs/mine.yaml
+        passloc new-scenario runs/mine.yaml --like BearingDoppler
+    """
+
+    file: Positional[Path]
+    """The file; what is there already is never written over."""
+    like: str = "BearingsOnly"
+    """Which scenario to begin like: name, Gymnasium id, or path."""
+
+
+@dataclass(frozen=True)
 class Replay:
     """Watch policies fly the same episode, side by side: in a window, or into a file.
 
