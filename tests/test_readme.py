@@ -29,7 +29,7 @@ def test_example_runs_as_written(example: str, tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
 
 
-@pytest.mark.parametrize("command", sorted(set(re.findall(r"^passloc (\w+)", README, flags=re.MULTILINE))))
+@pytest.mark.parametrize("command", sorted(set(re.findall(r"^passloc ([\w-]+)", README, flags=re.MULTILINE))))
 def test_command_exists(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main([command, "--help"])
