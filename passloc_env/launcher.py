@@ -8,10 +8,13 @@ from typing import NoReturn
 
 from passloc_env.shadowing import OURS, explain, shadowed
 
-TRAIN_MODULES = frozenset(
-    {"optuna", "rich", "safetensors", "sqlalchemy", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro"}
-)
-"""Import names of what the ``train`` extra installs."""
+EXTRAS = {
+    "train": frozenset(
+        {"optuna", "rich", "safetensors", "sqlalchemy", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro"}
+    ),
+    "render": frozenset({"PIL", "imageio_ffmpeg", "matplotlib", "pygame"}),
+}
+"""Import names of what the extras install."""
 
 
 def main() -> NoReturn:
@@ -23,9 +26,10 @@ def main() -> NoReturn:
         status = importlib.import_module("training.cli").main()
     except ModuleNotFoundError as error:
         # Only a library that is absent as a whole means a missing extra; anything else is a bug to be seen.
-        if error.name not in TRAIN_MODULES:
-            raise
-        _refuse("passloc: the command line needs the 'train' extra: pip install 'passloc[train]'")
+        for extra, modules in EXTRAS.items():
+            if error.name in modules:
+                _refuse(f"passloc: this needs the {extra!r} extra: pip install 'passloc[{extra}]'")
+        raise
     sys.exit(status)
 
 

@@ -7,7 +7,6 @@ from functools import cache
 from typing import Any, Literal
 
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
 
 from passloc_env.arrays import Array
 from passloc_env.rendering.colours import INK, PAPER
@@ -18,12 +17,10 @@ _FAR = 20_000.0
 
 @cache
 def pygame() -> Any:
-    """The library; DependencyNotInstalled where it is missing."""
+    """The library; ModuleNotFoundError where it is missing."""
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-    try:
-        import pygame
-    except ModuleNotFoundError:
-        raise DependencyNotInstalled("rendering needs pygame-ce: pip install 'passloc[render]'") from None
+    import pygame
+
     pygame.font.init()
     return pygame
 

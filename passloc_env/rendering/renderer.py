@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from gymnasium.error import DependencyNotInstalled
 
 from passloc_env.batch import Batch
 from passloc_env.crew import CrewBatch
@@ -43,7 +44,10 @@ class Renderer:
         self._scenario = batch.scenario
         shown = min(batch.tiles[0].environments, _SHOWN)
         self._recorders = [Recorder(batch.tiles[0], column) for column in range(shown)]
-        pygame()
+        try:
+            pygame()
+        except ModuleNotFoundError:
+            raise DependencyNotInstalled("rendering needs pygame-ce: pip install 'passloc[render]'") from None
         self._window: Window | None = None
         if mode == "human":
             self._window = Window(batch.scenario.name, SIZE, SIZE, "use render_mode='rgb_array'")

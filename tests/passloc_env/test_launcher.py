@@ -80,7 +80,7 @@ def test_missing_extra_is_named_in_one_line(tmp_path: Path) -> None:
     result = run_command(tmp_path)
     assert result.returncode == 2
     assert result.stdout == ""
-    assert result.stderr == ("passloc: the command line needs the 'train' extra: pip install 'passloc[train]'\n")
+    assert result.stderr == "passloc: this needs the 'train' extra: pip install 'passloc[train]'\n"
 
 
 def test_status_of_the_command_line_is_the_exit_status(tmp_path: Path) -> None:
@@ -91,15 +91,17 @@ def test_status_of_the_command_line_is_the_exit_status(tmp_path: Path) -> None:
     assert (result.returncode, result.stdout, result.stderr) == (3, "ran\n", "")
 
 
-@pytest.mark.parametrize("module", sorted(launcher.TRAIN_MODULES))
-def test_every_module_of_the_extra_is_recognised(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], module: str
+@pytest.mark.parametrize(
+    ("extra", "module"), [(extra, name) for extra, names in launcher.EXTRAS.items() for name in sorted(names)]
+)
+def test_every_module_of_an_extra_is_recognised(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], extra: str, module: str
 ) -> None:
     replace_cli(monkeypatch, raising(ModuleNotFoundError(name=module)))
     with pytest.raises(SystemExit) as exit_info:
         launcher.main()
     assert exit_info.value.code == 2
-    assert "passloc[train]" in capsys.readouterr().err
+    assert f"passloc[{extra}]" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -119,8 +121,9 @@ def test_other_errors_propagate(monkeypatch: pytest.MonkeyPatch, error: Exceptio
     assert raised.value is error
 
 
-def test_module_names_agree_with_the_declared_extra() -> None:
+@pytest.mark.parametrize("extra", launcher.EXTRAS)
+def test_module_names_agree_with_the_declared_extra(extra: str) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    extra = project["optional-dependencies"]["train"]
-    declared = {requirement.partition(">")[0].replace("-", "_") for requirement in extra}
-    assert declared == launcher.TRAIN_MODULES
+    other_names = {"pygame_ce": "pygame", "pillow": "PIL"}
+    declared = [text.partition(">")[0].replace("-", "_") for text in project["optional-dependencies"][extra]]
+    assert {other_names.get(name, name) for name in declared} == launcher.EXTRAS[extra]
