@@ -23,7 +23,9 @@ DIAGNOSTICS = {"truth", "estimate", "covariance", "nees", "relative_range_error"
 
 @pytest.mark.parametrize("identifier", IDS)
 @pytest.mark.parametrize("diagnostics", [False, True])
-def test_check_env(identifier, diagnostics):
+def test_check_env(identifier, diagnostics, monkeypatch):
+    """Every render mode is tried; a window needs a display, SDL's dummy is one."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     env = gymnasium.make(identifier, diagnostics=diagnostics).unwrapped
     assert env.spec.id == identifier
     check_env(env)
