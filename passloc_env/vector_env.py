@@ -169,7 +169,7 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._renderer.frames()
 
     def _show(self) -> None:
-        if self._renderer is not None and self.render_mode == "human":
+        if self._renderer is not None:
             self._renderer.show()
 
     @property

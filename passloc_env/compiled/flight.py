@@ -10,7 +10,7 @@ import numpy as np
 from passloc_env.compiled.machine import Run
 from passloc_env.compiled.plan import Plan
 from passloc_env.compiled.section import Section, Workspace
-from passloc_env.compiled.stage import COLUMN, FIRST, OPENING, Slot, live_arrays
+from passloc_env.compiled.stage import COLUMN, FIRST, Slot, episode_arrays, live_arrays
 
 _TOGETHER = 512
 """Environments of a section at most: the rows that it needs take less than the cache of a processor's core holds."""
@@ -30,10 +30,8 @@ class Flight:
         results = _results(plan, environments)
         self._detected, self._features = results.get("result.detected"), results["result.observation"]
         live = live_arrays(simulation)
-        rows = _rows({**live, **results, "argument.action": self._action})
-        rows |= _rows(dict(zip(OPENING, simulation.noise.opening(), strict=False)))
-        rows |= _rows({FIRST[0]: simulation.noise.first_cells})
-        rows |= _rows({f"constant.{index}": errors for index, errors in enumerate(simulation.noise.constants())})
+        given = {"argument.action": self._action, FIRST[0]: simulation.noise.first_cells}
+        rows = _rows({**live, **results, **given, **episode_arrays(simulation.noise)})
 
         count = -(-environments // _TOGETHER)
         edges = [environments * index // count for index in range(count + 1)]

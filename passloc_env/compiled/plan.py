@@ -18,7 +18,6 @@ class Plan:
 
     Attributes:
         stages: by name; without an opening where that is no straight-line arithmetic.
-        mirrored: slots of symmetric arrays above their diagonal, each with the slot that it repeats.
     """
 
     def __init__(self, simulation: Any) -> None:
@@ -27,16 +26,16 @@ class Plan:
             self.stages["open"] = trace(simulation, "open")
         if any(self.stages[name].guard is not None for name in ("decide", "conclude", "observe")):
             raise TraceError("only an opening and a sensor step may depend on what happens")
-        self.mirrored = self._mirrored(simulation)
         self._pitches = {f"step.{kind}": table.pitch for kind, table in simulation.noise.tables().items()}
         sense = self.stages["sense"].outputs
-        halves = {above: below for above, below in self.mirrored.items() if below in sense}
+        halves = {above: below for above, below in self._mirrored(simulation).items() if below in sense}
         self.stages["mirror"] = copying(halves, sense)
         self.stages["sense"].outputs = {slot: value for slot, value in sense.items() if slot not in halves}
         back = {slot: slot for slot in self.stages["sense"].outputs if not slot[0].startswith("result.")}
         self.stages["back"] = copying(back, sense)
 
     def _mirrored(self, simulation: Any) -> dict[Slot, Slot]:
+        """Slots of symmetric arrays above their diagonal, each with the slot that it repeats."""
         pairs: dict[Slot, Slot] = {}
         outputs = self.stages["sense"].outputs
         for name, array in live_arrays(simulation).items():

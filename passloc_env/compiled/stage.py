@@ -1,6 +1,6 @@
 """A stage of the simulation, traced: the graph of one environment's arithmetic, with named inputs and outputs.
 
-Every stage is a method of :class:`~passloc_env.simulation.Simulation`. A copy of a small simulation, whose arrays are
+Every stage is a method of :class:`~passloc_env.world.World`. A copy of a small simulation, whose arrays are
 symbols, runs it once; what then stands in the arrays is what the stage computes.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from passloc_env.compiled.graph import Drawn, Graph, Node, TraceError, Value
 from passloc_env.compiled.traced import Traced, symbols
-from passloc_env.noise import NavigationErrors, Opening, StepNoise
+from passloc_env.noise import EpisodeNoise, NavigationErrors, Opening, StepNoise
 
 Slot = tuple[str, int]
 """One number of every environment: the name of an array, and which of its rows, counted in C order."""
@@ -98,6 +98,13 @@ def live_arrays(simulation: Any) -> dict[str, np.ndarray]:
     return {name: array for name, array in arrays.items() if not name.startswith("noise.")}
 
 
+def episode_arrays(noise: EpisodeNoise) -> dict[str, np.ndarray]:
+    """What chance has in store for whole episodes by name: their openings, and the errors that never change."""
+    opening = noise.opening()
+    arrays = dict(zip(OPENING, (opening.uniforms, opening.prior, opening.nuisances), strict=True))
+    return arrays | {f"constant.{platform}": errors for platform, errors in enumerate(noise.constants())}
+
+
 def _noise_of(graph: Graph, name: str, simulation: Any, known: Mapping[str, Traced]) -> StepNoise:
     """The noise of the step that a stage is about: looked up, but for what is the same throughout an episode."""
     count = known["simulation.step_count"].item()
@@ -130,10 +137,8 @@ def trace(simulation: Any, name: str) -> Stage:
     """
     graph = Graph()
     live = live_arrays(simulation)
-    arguments = {"argument.action": simulation.action}
-    arguments |= dict(zip(OPENING, simulation.noise.opening(), strict=False))
-    constants = {f"constant.{platform}": errors for platform, errors in enumerate(simulation.noise.constants())}
-    examples = live | constants | arguments
+    arguments = {"argument.action": simulation.action, **episode_arrays(simulation.noise)}
+    examples = live | arguments
     known = {key: _tied(key, symbols(graph, array[..., 0])) for key, array in examples.items()}
     before = {key: array.copy() for key, array in known.items()}
     memo: dict[int, Any] = {id(array): known[key] for key, array in live.items()}

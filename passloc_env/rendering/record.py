@@ -9,6 +9,7 @@ import numpy as np
 from passloc_env.arrays import Array
 from passloc_env.rendering.plane import Plane
 from passloc_env.sensors import Bearing
+from passloc_env.sightline import Scene
 from passloc_env.simulation import Simulation
 
 
@@ -73,13 +74,13 @@ class Recorder:
             emitter=plane.point(simulation.truth[truth.position, column]),
             estimate=plane.point(simulation.track.mean[position, column]),
             covariance=plane.spread(simulation.track.covariance[position, position, column]),
-            bearings=self._bearings(simulation),
+            bearings=self._bearings(simulation, outcome.scene),
             error=float(outcome.relative_range_error[column]),
             bound=float(outcome.range_sigma[column] / outcome.range[column]),
         )
 
-    def _bearings(self, simulation: Simulation) -> list[tuple[Array, float]]:
-        scene, suite, column = simulation.scene(), simulation.models.suite, self._column
+    def _bearings(self, simulation: Simulation, scene: Scene) -> list[tuple[Array, float]]:
+        suite, column = simulation.models.suite, self._column
         measurement, detected = simulation.measure(scene)
         heard = []
         for sensor, rows in zip(suite.sensors, suite.rows, strict=True):

@@ -42,7 +42,7 @@ class Renderer:
         if isinstance(batch, CrewBatch):
             raise ValueError("worlds in other processes cannot be shown: build the environment with workers=1")
         self._scenario = batch.scenario
-        shown = min(batch.tiles[0].environments, _SHOWN)
+        shown = 1 if mode == "human" else min(batch.tiles[0].environments, _SHOWN)
         self._recorders = [Recorder(batch.tiles[0], column) for column in range(shown)]
         try:
             pygame()
@@ -57,7 +57,7 @@ class Renderer:
         return tuple(canvas.pixels() for canvas in self._canvases())
 
     def show(self) -> None:
-        """Bring the first environment to the window, at its time."""
+        """Bring the first environment to the window, if there is one, at its time."""
         if self._window is not None:
             self._window.show(next(self._canvases()).pixels(), FRAMES_PER_SECOND)
 

@@ -245,12 +245,18 @@ def show(results: Results, console: Console | None = None) -> None:
         _print_notes(console, learning.notes)
 
 
+def _blank_table(title: str, first: str, headings: Sequence[str]) -> Table:
+    """A table whose first column holds names, and the others numbers."""
+    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column(first, no_wrap=True)
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
 def _stepping_table(stepping: Stepping) -> Table:
     title = f"{stepping.scenario}: sensor steps per second, median (min–max) of {stepping.rounds} rounds"
-    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("candidate", no_wrap=True)
-    for heading in ("N", "per\nCPU s", "per\nwall s", "× peer,\nCPU", "× peer,\nwall"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = _blank_table(title, "candidate", ("N", "per\nCPU s", "per\nwall s", "× peer,\nCPU", "× peer,\nwall"))
     for row in stepping.rows:
         medians = (row.per_cpu_second.median, row.per_wall_second.median)
         ratios = (str(row.cpu_ratio), _short(row.wall_ratio.median))
@@ -260,10 +266,7 @@ def _stepping_table(stepping: Stepping) -> Table:
 
 def _growth_table(growth: Growth) -> Table:
     title = f"A sensor step of one environment among {growth.environments}, median (min–max) of {growth.rounds} rounds"
-    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("scenario", no_wrap=True)
-    for heading in ("states", "scalars", "steps", "CPU µs", "kB"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = _blank_table(title, "scenario", ("states", "scalars", "steps", "CPU µs", "kB"))
     for cost in growth.costs:
         sizes = map(str, (cost.states, cost.scalars, cost.steps))
         table.add_row(cost.name, *sizes, str(cost.microseconds), _short(cost.kilobytes))

@@ -131,8 +131,7 @@ class LimitCandidate:
         self._rows = lasting((len(self._begun), environments))
         self._stride = self._rows.strides[0] // self._rows.itemsize
         self._seeds = np.random.default_rng(0).integers(1, 2**64 - 1, (4, self._stride), dtype=np.uint64)
-        self._time, self._episode = 0.0, scenario.episode
-        self.warm_up()
+        self._time, self._episode = scenario.episode.duration, scenario.episode
 
     def warm_up(self) -> None:
         """Begin anew."""
