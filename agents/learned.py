@@ -12,8 +12,8 @@ from agents.agent_file import CARD, WEIGHTS, AgentFile, AgentFileError
 from agents.shield import Shield
 from agents.symmetry import MirrorSymmetry
 from passloc_env.belief import Belief
+from passloc_env.models import observation_names
 from passloc_env.scenario import Scenario
-from passloc_env.spaces import observation_names
 
 
 def choices_of(count: int) -> np.ndarray:

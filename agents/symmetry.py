@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from passloc_env.errors import InputError
+from passloc_env.models import observation_names
 from passloc_env.platforms import TurnLimitedPlatform
 from passloc_env.scenario import Scenario
-from passloc_env.spaces import observation_names
 
 _SIDE = "own velocity across"
 

@@ -1,29 +1,16 @@
 """passloc environments: an observer manoeuvres to localise a moving emitter that it can only hear.
 
-Importing this package registers the Gymnasium ids ``passloc/…-v0``.
+Importing this package registers the Gymnasium ids ``passloc/…-v0``. Its names, listed in the stub beside this file, are
+imported when they are first used, so that a command which only lists scenarios does not wait for Gymnasium.
 """
 
-from passloc_env.env import LocalisationEnv
-from passloc_env.errors import ActionError, NotResetError, ScenarioError
-from passloc_env.registration import register
-from passloc_env.scenario import Scenario
-from passloc_env.scenarios import SCENARIOS
-from passloc_env.shadowing import warn_if_shadowed
-from passloc_env.spaces import observation_names
-from passloc_env.vector_env import LocalisationVectorEnv
+import lazy_loader
 
-__all__ = [
-    "SCENARIOS",
-    "ActionError",
-    "LocalisationEnv",
-    "LocalisationVectorEnv",
-    "NotResetError",
-    "Scenario",
-    "ScenarioError",
-    "observation_names",
-    "register",
-]
+from passloc_env.registration import register_with_gymnasium
+from passloc_env.shadowing import warn_if_shadowed
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __version__ = "0.1.0"
 
-register()
+register_with_gymnasium()
 warn_if_shadowed()

@@ -19,6 +19,12 @@ def state_layout(scenario: Scenario, motion: Motion) -> StateLayout:
     return motion.layout(scenario.dimension).with_nuisance(heard)
 
 
+def observation_names(scenario: Scenario) -> tuple[str, ...]:
+    """The name of each observation feature, in order."""
+    layout = state_layout(scenario, scenario.tracker.motion)
+    return scenario.observation.names(layout, scenario.platforms, scenario.own_ship)
+
+
 class ScenarioModels:
     """What moves and what is heard, three times: in truth, as the tracker believes, and as the bound counts.
 

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-import gymnasium
+import importlib.machinery
+import importlib.util
+import sys
+from collections.abc import Sequence
+from importlib.abc import Loader, MetaPathFinder
+from types import ModuleType
 
-from passloc_env.scenarios import SCENARIOS, environment_id
+_GYMNASIUM = "gymnasium"
 
 
 def register() -> None:
@@ -13,6 +18,10 @@ def register() -> None:
     The environments truncate themselves, so no ``max_episode_steps``: a registered limit would add a wrapper that
     ignores an overridden episode.
     """
+    import gymnasium
+
+    from passloc_env.scenarios import SCENARIOS, environment_id
+
     for name in SCENARIOS:
         identifier = environment_id(name)
         if identifier not in gymnasium.registry:
@@ -22,3 +31,43 @@ def register() -> None:
                 vector_entry_point="passloc_env.vector_env:LocalisationVectorEnv",
                 kwargs={"scenario": name},
             )
+
+
+def register_with_gymnasium() -> None:
+    """Register now if Gymnasium is imported, else as soon as it is: who never asks for it does not wait for it."""
+    if _GYMNASIUM in sys.modules:
+        register()
+    elif not any(isinstance(finder, _Awaiting) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Awaiting())
+
+
+class _Awaiting(MetaPathFinder):
+    """Waits for the import of Gymnasium, and leaves."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if fullname != _GYMNASIUM:
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(fullname)
+        if spec is not None and spec.loader is not None:
+            spec.loader = _ThenRegister(spec.loader)
+        return spec
+
+
+class _ThenRegister(Loader):
+    """Loads Gymnasium as its own loader does; then come our ids."""
+
+    def __init__(self, loader: Loader) -> None:
+        self._loader = loader
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType | None:
+        return self._loader.create_module(spec)
+
+    def exec_module(self, module: ModuleType) -> None:
+        module.__loader__ = self._loader
+        if module.__spec__ is not None:
+            module.__spec__.loader = self._loader
+        self._loader.exec_module(module)
+        register()

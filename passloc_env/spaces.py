@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium import spaces
 
 from passloc_env.belief import OBSERVATION_LIMIT
-from passloc_env.models import state_layout
+from passloc_env.models import observation_names
 from passloc_env.scenario import Scenario
 
 
@@ -19,9 +19,3 @@ def observation_space(scenario: Scenario) -> spaces.Box:
 def action_space(scenario: Scenario) -> spaces.Box:
     """The commands of all platforms, float32, each within ± 1."""
     return spaces.Box(-1.0, 1.0, (scenario.action_size,), np.float32)
-
-
-def observation_names(scenario: Scenario) -> tuple[str, ...]:
-    """The name of each observation feature, in order."""
-    layout = state_layout(scenario, scenario.tracker.motion)
-    return scenario.observation.names(layout, scenario.platforms, scenario.own_ship)

@@ -64,9 +64,9 @@ class Evaluation:
     """95 % band of the ANEES of a consistent tracker, counting each episode's end as one sample."""
     scores: dict[str, Scores] = field(repr=False, default_factory=dict)
 
-    def to_json(self) -> str:
+    def to_dict(self) -> dict[str, Any]:
         """Everything but the per-episode scores, with where it came from."""
-        data: dict[str, Any] = {
+        return {
             "scenario": self.scenario.to_dict(),
             "episodes": self.episodes,
             "seed": self.seed,
@@ -75,7 +75,10 @@ class Evaluation:
             "policies": [dataclasses.asdict(verdict) for verdict in self.verdicts],
             "provenance": provenance(sys.argv),
         }
-        return json_text(data)
+
+    def to_json(self) -> str:
+        """:meth:`to_dict` as text."""
+        return json_text(self.to_dict())
 
     def save(self, path: Path) -> None:
         """Write :meth:`to_json`; the file appears whole or not at all."""

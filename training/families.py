@@ -9,8 +9,8 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
 from passloc_env.errors import InputError, ScenarioError
+from passloc_env.models import observation_names
 from passloc_env.scenario import Scenario
-from passloc_env.spaces import observation_names
 from training.hyperparameters import Hyperparameters
 from training.privileged import truth_names
 from training.wrappers import Stepped

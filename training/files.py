@@ -7,6 +7,9 @@ import math
 from pathlib import Path
 from typing import Any
 
+_SHOWN = 5
+_saved: list[Path] = []
+
 
 def json_text(data: Any) -> str:
     """Plain data as JSON, with null for what is not a finite number, which JSON does not know."""
@@ -18,6 +21,21 @@ def write_whole(path: Path, text: str) -> None:
     partial = path.with_name(path.name + ".partial")
     partial.write_text(text, encoding="utf-8")
     partial.replace(path)
+    note(path)
+
+
+def note(path: Path) -> None:
+    """Remember that a file, or a folder of them, is whole: who interrupts a command is told."""
+    if path not in _saved:
+        _saved.append(path)
+
+
+def saved() -> list[str]:
+    """What this process has saved; of many files the folders."""
+    if len(_saved) <= _SHOWN:
+        return [str(path) for path in _saved]
+    folders = dict.fromkeys(str(path.parent) for path in _saved)
+    return [f"{sum(str(path.parent) == folder for path in _saved)} files in {folder}" for folder in folders]
 
 
 def _finite(data: Any) -> Any:

@@ -10,6 +10,8 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
+from training.files import note
+
 _COLOURS = 64
 """Of a GIF's palette: what is drawn has ten, and the shades between them."""
 
@@ -21,6 +23,7 @@ def write_gif(path: Path, frames: Iterable[np.ndarray], per_second: float) -> No
     try:
         first.save(part, "GIF", save_all=True, append_images=others, duration=round(1e3 / per_second), loop=0)
         os.replace(part, path)
+        note(path)
     finally:
         part.unlink(missing_ok=True)
 
@@ -39,6 +42,7 @@ def write_mp4(path: Path, frames: Iterable[np.ndarray], per_second: float) -> No
         if writer is not None:
             writer.close()
             os.replace(part, path)
+            note(path)
     finally:
         if writer is not None:
             writer.close()

@@ -4,11 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from agents import Policy
+from agents import Policy, default_policies, find_policy
 from passloc_env.scenario import Scenario
-from training.commands import EVALUATION_SEED
+from training.arguments import parse_overrides, read_scenario
+from training.commands import EVALUATION_SEED, Evaluate
 from training.evaluate import Evaluation, evaluate
-from training.progress import progress_bar
+from training.progress import console, progress_bar
+from training.table import rich_table
+
+
+def judge_policies(arguments: Evaluate) -> Evaluation:
+    """Judge policies as the arguments say, and print the table.
+
+    Raises:
+        InputError: an unknown scenario or policy, or impossible numbers.
+    """
+    scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
+    names = arguments.policies.split(",") if arguments.policies else default_policies(scenario)
+    policies = [find_policy(name.strip(), scenario) for name in names]
+    evaluation = judge(scenario, policies, arguments.episodes, arguments.seed)
+    console.print(rich_table(evaluation, console.width))
+    return evaluation
 
 
 def judge(scenario: Scenario, policies: Sequence[Policy], episodes: int, seed: int = EVALUATION_SEED) -> Evaluation:

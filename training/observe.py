@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -30,12 +29,11 @@ _BLIND = 1e12
 """A condition above this is rounding: the direction is not seen at all."""
 
 
-def observe(arguments: Observe) -> Survey:
-    """Fly one episode, say what it lets one know, and draw it."""
+def observe(arguments: Observe) -> dict[str, Any]:
+    """Fly one episode, say what it lets one know, and draw it; what was said, as plain data."""
     scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
     check_seed(arguments.seed)
     policy = find_policy(arguments.policy, scenario)
-    results = None if arguments.json is None else free_path(arguments.json)
     picture = _picture(arguments.out, f"{scenario.name}-{policy.name}-{arguments.seed}")
     survey = Survey(scenario.override(dict(policy.overrides)), policy.act, arguments.seed)
     title = f"{scenario.name}, flown by {policy.name}, seed {arguments.seed}"
@@ -43,9 +41,7 @@ def observe(arguments: Observe) -> Survey:
     console.print(_verdict(survey), highlight=False, soft_wrap=True)
     draw_survey(survey, title, picture)
     console.print(f"map of the bound over emitter positions: {picture}", highlight=False, soft_wrap=True)
-    if results is not None:
-        results.write_text(json.dumps(_data(survey, policy.name), indent=2, ensure_ascii=False) + "\n", "utf-8")
-    return survey
+    return _data(survey, policy.name)
 
 
 def _picture(wanted: Path | None, name: str) -> Path:

@@ -9,7 +9,7 @@ console = Console()
 """Where tables and bars go; colour only on a terminal."""
 
 
-def progress_bar(unit: str) -> Progress:
+def progress_bar(unit: str, shown: bool = True) -> Progress:
     """A bar with elapsed and remaining time, shown only on a terminal."""
     return Progress(
         TextColumn("{task.description}"),
@@ -19,6 +19,6 @@ def progress_bar(unit: str) -> Progress:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=console,
-        disable=not console.is_terminal,
+        disable=not shown or console.quiet or not console.is_terminal,
         transient=True,
     )

@@ -10,10 +10,10 @@ from training.progress import progress_bar
 class ProgressCallback(BaseCallback):
     """Shows decisions done and the recent mean return."""
 
-    def __init__(self, name: str, decisions: int) -> None:
+    def __init__(self, name: str, decisions: int, shown: bool = True) -> None:
         super().__init__()
         self._name, self._decisions = name, decisions
-        self._bar = progress_bar("decisions")
+        self._bar = progress_bar("decisions", shown)
 
     def _on_training_start(self) -> None:
         self._task = self._bar.add_task(f"training on {self._name}", total=self._decisions)
@@ -27,5 +27,6 @@ class ProgressCallback(BaseCallback):
         words = f"training on {self._name}" + (f", return {sum(recent) / len(recent):.1f}" if recent else "")
         self._bar.update(self._task, completed=min(self.num_timesteps, self._decisions), description=words)
 
-    def _on_training_end(self) -> None:
+    def stop(self) -> None:
+        """Take the bar away, however the training ended."""
         self._bar.stop()

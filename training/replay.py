@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,8 @@ _HELD = 15
 """Frames for which the end is shown."""
 
 
-def replay(arguments: Replay) -> None:
-    """Fly the episode, and show it in a window unless files are asked for.
+def replay(arguments: Replay) -> list[Path]:
+    """Fly the episode, and show it in a window unless files are asked for; the files.
 
     Raises:
         InputError: an unknown scenario or policy, a negative seed, or a file that does not end as it should.
@@ -44,14 +45,15 @@ def replay(arguments: Replay) -> None:
         free_path(path)
     if not files:
         _show(scenario, policies, arguments.seed)
-        return
+        return []
     from training.film import write_gif, write_mp4
 
     frames = _flown(scenario, policies, arguments.seed)
     frames += [frames[-1]] * _HELD
     for ending, path in files.items():
         {"gif": write_gif, "mp4": write_mp4}[ending](path, frames, FRAMES_PER_SECOND)
-        console.print(f"    {path}")
+        console.print(f"    {path}", highlight=False, soft_wrap=True)
+    return list(files.values())
 
 
 def fly(scenario: Scenario, policy: Policy, seed: int) -> Iterator[Canvas]:

@@ -2,15 +2,39 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from rich.console import Console
 from rich.padding import Padding
 
 from agents import PLANNER_NAMES, rules_for
 from passloc_env.scenarios import SCENARIOS, environment_id
-from training.scenario_pages import sensor_names, summary
+from training.commands import List
+from training.progress import console
+from training.scenario_words import sensor_names, summary
 
 _HEADINGS = ("scenario", "lasts", "decides each", "sensors")
 _INDENT = (0, 0, 0, 4)
+
+
+def list_scenarios(arguments: List) -> dict[str, Any]:
+    """Print the scenarios, and write their pages where that is asked for; what was printed, as plain data."""
+    print_scenarios(console)
+    if arguments.pages is not None:
+        from training.scenario_pages import write_pages
+
+        write_pages(arguments.pages)
+    return {
+        environment_id(name): {
+            "duration": scenario.episode.duration,
+            "interval": scenario.episode.interval,
+            "sensors": [type(sensor).__name__ for sensor in scenario.sensors],
+            "summary": summary(scenario),
+            "rules": list(rules_for(scenario)),
+            "planners": list(PLANNER_NAMES),
+        }
+        for name, scenario in SCENARIOS.items()
+    }
 
 
 def print_scenarios(console: Console) -> None:

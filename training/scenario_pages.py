@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
-import inspect
-import itertools
-import pkgutil
-from collections import Counter
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import passloc_env.scenarios
 from agents import default_policies
 from passloc_env.component import Component, specs
 from passloc_env.distributions import Distribution
 from passloc_env.fields import Part, Parts
+from passloc_env.models import observation_names
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS, environment_id
-from passloc_env.spaces import action_space, observation_names
+from passloc_env.spaces import action_space
+from training.scenario_words import sensor_names, story, summary
 
 
 def write_pages(folder: Path) -> list[Path]:
@@ -51,24 +46,13 @@ def index_page() -> str:
     return f"# Scenarios\n\n{_table(('id', 'what', 'sensors', 'episode', 'actions'), rows)}"
 
 
-def summary(scenario: Scenario) -> str:
-    """What a scenario is about, in a line."""
-    return _words(scenario)[1]
-
-
-def sensor_names(scenario: Scenario) -> str:
-    """The kinds of sensors, with how many there are of each."""
-    counts = Counter(type(sensor).__name__ for sensor in scenario.sensors)
-    return ", ".join(name if count == 1 else f"{name} ×{count}" for name, count in counts.items())
-
-
 def page(scenario: Scenario) -> str:
     """Story, actions, observation, rewards, ends, and every number of a scenario."""
     episode = scenario.episode
     keep_out = f"entering {episode.min_range:g} m of the emitter" if episode.min_range else "nothing but a lost track"
     parts = [
         f"# {environment_id(scenario.name)}",
-        *_words(scenario),
+        *story(scenario),
         "## Actions",
         f"`Box(-1, 1, {action_space(scenario).shape}, float32)`, one decision each {episode.interval:g} s: "
         + "; ".join(_commands(scenario)),
@@ -87,19 +71,6 @@ def page(scenario: Scenario) -> str:
         _table(("field", "value", "unit", "meaning"), list(_fields(scenario, ""))),
     ]
     return "\n\n".join(parts) + "\n"
-
-
-def _words(scenario: Scenario) -> tuple[str, str]:
-    """The docstring of the file that defines the scenario, and the line below its definition."""
-    for module in pkgutil.iter_modules(passloc_env.scenarios.__path__, "passloc_env.scenarios."):
-        loaded = import_module(module.name)
-        names = [name for name, value in vars(loaded).items() if value is scenario]
-        if names:
-            body = ast.parse(inspect.getsource(loaded)).body
-            for statement, below in itertools.pairwise(body):
-                if ast.unparse(statement).startswith(f"{names[0]} = ") and isinstance(below, ast.Expr):
-                    return inspect.cleandoc(loaded.__doc__ or ""), ast.literal_eval(below.value)
-    raise LookupError(f"no file defines and describes {scenario.name}")
 
 
 def _commands(scenario: Scenario) -> Iterator[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -13,6 +14,7 @@ from passloc_env.fields import Part, Parts
 from passloc_env.scenario import Scenario
 from training.arguments import free_path, read_scenario
 from training.commands import NewScenario
+from training.files import write_whole
 from training.progress import console
 
 _HEAD = """\
@@ -23,8 +25,8 @@ _HEAD = """\
 """
 
 
-def new_scenario(arguments: NewScenario) -> None:
-    """Write the file.
+def new_scenario(arguments: NewScenario) -> Path:
+    """Write the file, which is returned.
 
     Raises:
         FileExistsError: it is there already; nothing is ever written over.
@@ -36,8 +38,9 @@ def new_scenario(arguments: NewScenario) -> None:
     if path.exists():
         raise FileExistsError(f"{path} is there already: name another file")
     scenario = like.override({"name": path.stem})
-    free_path(path).write_text(starter(scenario, like.name, str(path)), encoding="utf-8")
-    console.print(f"    {path}")
+    write_whole(free_path(path), starter(scenario, like.name, str(path)))
+    console.print(f"    {path}", highlight=False, soft_wrap=True)
+    return path
 
 
 def starter(scenario: Scenario, like: str, file: str) -> str:

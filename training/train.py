@@ -13,22 +13,24 @@ from typing import Any, cast
 
 import numpy as np
 import torch
-from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from agents.agent_file import AgentFile
 from agents.shield import Shield
 from agents.symmetry import MirrorSymmetry
+from passloc_env.models import observation_names
 from passloc_env.sb3 import make_vec_env
 from passloc_env.scenario import Scenario
-from passloc_env.spaces import observation_names
 from training.arguments import check_seed, new_folder, parse_overrides, read_scenario
 from training.commands import Train
 from training.curve import CurveCallback
 from training.families import Together, families_of, shares
+from training.files import json_text, note, write_whole
 from training.hyperparameters import Hyperparameters
 from training.privileged import PrivilegedPolicy, WithTruth, truth_names
+from training.progress import console
 from training.progress_callback import ProgressCallback
 from training.provenance import provenance
 from training.vector_ppo import VectorPPO
@@ -43,6 +45,10 @@ class Run:
     agent: AgentFile
     seconds: float
     curve: list[dict[str, float]] = field(repr=False, default_factory=list)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Where the agent is, how long it took, and its learning curve."""
+        return {"folder": str(self.folder), "seconds": self.seconds, "curve": self.curve}
 
 
 def train(arguments: Train) -> Run:
@@ -59,7 +65,9 @@ def train(arguments: Train) -> Run:
     check_seed(arguments.seed)
     check_training(scenario, parameters)
     folder = new_folder(arguments.out, f"{scenario.name}-{arguments.seed}")
-    return run(scenario, parameters, folder, arguments.seed, quiet=arguments.quiet)
+    finished = run(scenario, parameters, folder, arguments.seed)
+    console.print(f"trained in {finished.seconds:.0f} s; the agent is in {folder}", highlight=False, soft_wrap=True)
+    return finished
 
 
 def check_training(scenario: Scenario, parameters: Hyperparameters) -> None:
@@ -101,15 +109,23 @@ def run(
     model = build_ppo(env, parameters, seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     curve = CurveCallback(folder / "curve.csv", watch)
-    callbacks: list[BaseCallback] = [curve]
-    if not quiet:
-        callbacks.append(ProgressCallback(scenario.name, parameters.decisions))
+    progress = ProgressCallback(scenario.name, parameters.decisions, shown=not quiet)
     begun = time.perf_counter()
-    model.learn(parameters.decisions, callback=CallbackList(callbacks))
+    interrupted: KeyboardInterrupt | None = None
+    try:
+        model.learn(parameters.decisions, callback=CallbackList([curve, progress]))
+    except KeyboardInterrupt as error:
+        # What has been learnt so far is an agent all the same, and its card says how many decisions it has seen.
+        interrupted = error
+    finally:
+        progress.stop()
+        env.close()
     seconds = time.perf_counter() - begun
     agent = _agent(model, trained, parameters, seed, seconds)
     agent.save(folder)
-    env.close()
+    note(folder)
+    if interrupted is not None:
+        raise interrupted
     return Run(folder, agent, seconds, curve.rows)
 
 
@@ -207,8 +223,7 @@ def _write_configuration(folder: Path, scenario: Scenario, parameters: Hyperpara
         "seed": seed,
         "provenance": provenance(sys.argv),
     }
-    text = json.dumps(configuration, indent=2, ensure_ascii=False) + "\n"
-    (folder / "config.json").write_text(text, encoding="utf-8")
+    write_whole(folder / "config.json", json_text(configuration))
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ from agents import (
 )
 from agents.agent_file import CARD, WEIGHTS
 from passloc_env import SCENARIOS, LocalisationVectorEnv
-from passloc_env.spaces import observation_names
+from passloc_env.models import observation_names
 
 SCENARIO = SCENARIOS["BearingsOnly"]
 OWN_SHIP = SCENARIOS["OwnShipModerate"]

@@ -13,7 +13,7 @@ import agents
 from agents import AgentFile, AgentFileError, LearnedPolicy, find_policy, shipped
 from agents.agent_file import CARD, WEIGHTS
 from passloc_env import SCENARIOS
-from passloc_env.spaces import observation_names
+from passloc_env.models import observation_names
 from passloc_env.tracking import InteractingModels
 from training.card import scores
 from training.evaluate import evaluate

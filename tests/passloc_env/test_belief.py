@@ -8,13 +8,14 @@ import pytest
 from scipy.linalg import block_diag
 
 from passloc_env.belief import OBSERVATION_LIMIT, Belief, line_of_sight_axes
+from passloc_env.models import observation_names
 from passloc_env.motion import ConstantAcceleration
 from passloc_env.platforms import FixedStation, Pose
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.sensors import Bearing, Doppler
 from passloc_env.simulation import Simulation
-from passloc_env.spaces import observation_names, observation_space
+from passloc_env.spaces import observation_space
 from passloc_env.target import CartesianStart
 from passloc_env.tracking import StatePrior
 

@@ -12,13 +12,13 @@ from passloc_env.belief import Belief
 from passloc_env.dynamics import Dynamics
 from passloc_env.errors import InputError
 from passloc_env.metrics import root_trace
+from passloc_env.models import observation_names
 from passloc_env.motion import UnknownTurn
 from passloc_env.observability import cramer_rao_path
 from passloc_env.platforms import Pose
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.sightline import Scene
-from passloc_env.spaces import observation_names
 from passloc_env.survey import Survey
 from passloc_env.tracking import StatePrior
 

@@ -14,12 +14,16 @@ from rich.console import Console
 from passloc_env import SCENARIOS, Scenario
 from passloc_env.errors import InputError
 from training import benchmark
+from training.answer import plain
 from training.benchmark import Bench, harness, limit, report
 from training.benchmark.floors import FLOORS, shortfalls
 from training.benchmark.growth import VARIANTS, measure_growth
 from training.benchmark.page import exponent, write_page
 from training.benchmark.peers import TOGETHER, measure_peers
 from training.benchmark.report import Results, Row, Spread, Stepping, spread
+from training.cli import main
+from training.commands import Output
+from training.files import json_text
 
 BEARING_DOPPLER = SCENARIOS["BearingDoppler"]
 ALONE = {"states": False, "workers": 1, "peers": False, "growth": False, "trackers": False, "learning": False}
@@ -61,7 +65,7 @@ def test_the_peer_is_compared_with_itself(results: Results) -> None:
 
 
 def test_json_holds_everything(results: Results) -> None:
-    data = json.loads(results.to_json())
+    data = json.loads(json_text(plain(results)))
     tables = {"stepping", "states", "workers", "peers", "growth", "trackers", "learning"}
     assert set(data) == {"command", "date", "machine"} | tables
     assert data["stepping"]["rows"][0]["cpu_ratio"] == {"median": 1.0, "low": 1.0, "high": 1.0}
@@ -80,11 +84,9 @@ def test_the_table_fits_a_terminal(results: Results) -> None:
     assert text.count("0.457 (0.432–0.479)") == len(rows)
 
 
-def test_run_prints_tables_and_writes_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "bench.json"
-    arguments = Bench(sizes=(), rounds=1, seconds=0.001, json=path, **ALONE)
-    found = benchmark.run(arguments, date="2000-01-01")
-    assert path.read_text(encoding="utf-8") == found.to_json()
+def test_run_prints_tables_and_answers_with_every_number(capsys: pytest.CaptureFixture[str]) -> None:
+    found = benchmark.run(Bench(sizes=(), rounds=1, seconds=0.001, **ALONE), date="2000-01-01")
+    assert json.loads(json_text(plain(found))) == json.loads(json.dumps(dataclasses.asdict(found)))
     assert found.date == "2000-01-01"
     assert "FilterPy environment" in capsys.readouterr().out
 
@@ -93,7 +95,7 @@ def test_what_cannot_be_written_is_told_before_measuring(tmp_path: Path, monkeyp
     monkeypatch.setattr(harness, "measure_stepping", None)
     (tmp_path / "file").write_text("mine", encoding="utf-8")
     with pytest.raises(NotADirectoryError):
-        benchmark.run(Bench(json=tmp_path / "file" / "bench.json"))
+        benchmark.run(Bench(out=tmp_path / "file" / "bench"))
 
 
 def test_tables_print(results: Results) -> None:
@@ -114,7 +116,7 @@ def test_tables_print(results: Results) -> None:
             "passloc bench --sizes 1 3 --rounds 2 --seconds 0.001 --no-states --workers 1 --no-peers --no-growth "
             "--no-trackers --no-learning",
         ),
-        (Bench(json=Path("x.json"), guard=True, out=Path("page")), "passloc bench"),
+        (Bench(output=Output(json=Path("x.json")), guard=True, out=Path("page")), "passloc bench"),
     ],
 )
 def test_command_repeats_the_measurement(arguments: Bench, command: str) -> None:
@@ -263,11 +265,14 @@ def test_ratios_below_their_floors_are_told() -> None:
     assert line == f"passloc, vector, N = 256: {found}, must be at least {floor:g}"
 
 
-def test_the_guard_fails_after_everything_is_shown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_guard_fails_after_everything_is_shown(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     slow = dataclasses.replace(benchmark.measure(TINY), stepping=stepped({256: 1e5}, 1.0))
     monkeypatch.setattr(benchmark, "measure", lambda arguments, date: slow)
-    with pytest.raises(SystemExit, match="N = 256: 1 times"):
-        benchmark.run(Bench(guard=True, json=tmp_path / "all.json", out=tmp_path / "page"))
+    words = ["bench", "--guard", "--json", str(tmp_path / "all.json"), "--out", str(tmp_path / "page")]
+    assert main(words) == 1
+    assert "N = 256: 1 times" in capsys.readouterr().err
     assert json.loads((tmp_path / "all.json").read_text())["stepping"]["scenario"] == "BearingDoppler"
     assert (tmp_path / "page" / "README.md").exists()
 

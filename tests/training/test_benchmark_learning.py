@@ -10,8 +10,10 @@ from rich.console import Console
 
 from passloc_env import SCENARIOS, Scenario
 from training import benchmark
+from training.answer import plain
 from training.benchmark import Bench, learning, report
 from training.benchmark.learning import Plan, Turn, measure_learning
+from training.files import json_text
 
 SCENARIO = SCENARIOS["BearingsOnly"].override({"episode.steps": 24})
 TINY = Plan(environments=4, steps=4, peer_environments=2, peer_steps=3, batch=8, epochs=1, layers=(4,))
@@ -58,7 +60,7 @@ def test_bench_includes_learning(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     best = Plan(environments=256, steps=60, batch=1024, epochs=4, layers=(128, 128))
     assert asked == [("BearingsOnly", 1, Plan()), ("BearingsOnly", 1, best)]
-    assert [each["ratio"]["median"] > 0.0 for each in json.loads(results.to_json())["learning"]] == [True, True]
+    assert [each["ratio"]["median"] > 0.0 for each in json.loads(json_text(plain(results)))["learning"]] == [True, True]
     console = Console(file=io.StringIO(), width=120)
     report.show(results, console)
     text = console.file.getvalue()  # type: ignore[attr-defined]

@@ -11,7 +11,7 @@ pytest.importorskip("rich")
 from agents import AgentFile, LearnedPolicy, find_policy, shipped
 from agents.agent_file import CARD, WEIGHTS
 from passloc_env import SCENARIOS
-from passloc_env.spaces import observation_names
+from passloc_env.models import observation_names
 from training.evaluate import evaluate
 
 SCENARIO = SCENARIOS["OwnShipModerate"]

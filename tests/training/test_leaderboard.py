@@ -14,8 +14,8 @@ from agents import AgentFile, LearnedPolicy, find_policy, shipped
 from passloc_env import SCENARIOS
 from passloc_env.distributions import Uniform
 from passloc_env.errors import InputError
+from passloc_env.models import observation_names
 from passloc_env.simulation import Simulation
-from passloc_env.spaces import observation_names
 from passloc_env.tracking import InteractingModels
 from training.commands import EVALUATION_SEED, Leaderboard
 from training.evaluate import compare, evaluate

@@ -10,9 +10,10 @@ import pytest
 from agents import default_policies
 from passloc_env.component import Component, specs
 from passloc_env.distributions import Distribution
+from passloc_env.models import observation_names
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS, environment_id
-from passloc_env.spaces import observation_names, observation_space
+from passloc_env.spaces import observation_space
 from training.scenario_pages import index_page, page, write_pages
 
 COMMITTED = Path(__file__).parents[2] / "docs" / "scenarios"

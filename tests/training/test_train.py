@@ -54,7 +54,7 @@ def arguments(tmp_path, monkeypatch):
     """Arguments of a tiny run, made in a folder of its own."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tiny.yaml").write_text(YAML, encoding="utf-8")
-    return Train(hyperparameters=tmp_path / "tiny.yaml", override=("episode.steps=40",), quiet=True)
+    return Train(hyperparameters=tmp_path / "tiny.yaml", override=("episode.steps=40",))
 
 
 def test_run_folder_is_complete(finished):
@@ -136,8 +136,8 @@ def test_the_agent_is_what_was_trained_and_flies(finished):
 def test_same_seed_same_weights(finished, tmp_path):
     for name in ("again", "other"):
         (tmp_path / name).mkdir()
-    again = run(SCENARIO, TINY, tmp_path / "again", seed=3, quiet=True)
-    other = run(SCENARIO, TINY, tmp_path / "other", seed=4, quiet=True)
+    again = run(SCENARIO, TINY, tmp_path / "again", seed=3)
+    other = run(SCENARIO, TINY, tmp_path / "other", seed=4)
     assert weights_of(again) == weights_of(finished)
     assert weights_of(other) != weights_of(finished)
     strip = [[{k: v for k, v in row.items() if k != "seconds"} for row in r.curve] for r in (again, finished, other)]
@@ -202,7 +202,7 @@ def test_time_limits_are_not_bootstrapped(monkeypatch, tmp_path):
     """Time left is in the observation, so the last state of an episode is worth nothing more."""
     asked = []
     monkeypatch.setattr("training.train.make_vec_env", lambda *a, **k: asked.append(k) or make_vec_env(*a, **k))
-    run(SCENARIO, dataclasses.replace(TINY, decisions=1), tmp_path, seed=0, quiet=True)
+    run(SCENARIO, dataclasses.replace(TINY, decisions=1), tmp_path, seed=0)
     assert [k["bootstrap_time_limit"] for k in asked] == [False]
 
 
@@ -210,7 +210,7 @@ def test_time_limits_are_not_bootstrapped(monkeypatch, tmp_path):
 def test_every_scenario_trains_as_its_file_says(name, tmp_path, monkeypatch):
     """One rollout with the shipped hyperparameters; the agent then flies the scenario itself, not the family."""
     monkeypatch.chdir(tmp_path)
-    finished = train(Train(name, decisions=1, quiet=True))
+    finished = train(Train(name, decisions=1))
     assert finished.folder.as_posix() == f"runs/{name}-0"
     assert all(np.isfinite(weights).all() for weights in finished.agent.weights.values())
     policy = find_policy(str(finished.folder), SCENARIOS[name])

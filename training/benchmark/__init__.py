@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 from passloc_env import SCENARIOS
 from passloc_env.errors import InputError
-from training.arguments import free_path
+from training.answer import Unmet
+from training.arguments import writable_folder
 from training.commands import Bench
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ __all__ = ["Bench", "command", "measure", "run"]
 
 
 def run(arguments: Bench, date: str | None = None) -> Results:
-    """Measure, print the tables, and write the JSON file when one is asked for.
+    """Measure, print the tables, and write a page when one is asked for.
 
     Args:
         arguments: what to measure, and how long.
@@ -36,28 +37,26 @@ def run(arguments: Bench, date: str | None = None) -> Results:
 
     Raises:
         InputError: a number that is not possible.
-        FileNotFoundError: the folder of the JSON file does not exist; told before measuring.
-        SystemExit: with ``guard``, ratios below their floors, after all is shown and written.
+        OSError: a folder that cannot be written into; told before measuring.
+        Unmet: with ``guard``, ratios below their floors, after all is shown and written.
     """
-    path = None if arguments.json is None else free_path(arguments.json)
+    if arguments.out is not None:
+        writable_folder(arguments.out)
     results = measure(arguments, date)
 
     from training.benchmark.report import show
 
     show(results)
-    if path is not None:
-        path.write_text(results.to_json(), encoding="utf-8")
     if arguments.out is not None:
         from training.benchmark.page import write_page
 
-        arguments.out.mkdir(parents=True, exist_ok=True)
         write_page(results, arguments.out)
     if arguments.guard:
         from training.benchmark.floors import shortfalls
 
         missed = shortfalls(results.stepping)
         if missed:
-            raise SystemExit("\n".join(missed))
+            raise Unmet("\n".join(missed), results)
     return results
 
 
@@ -103,7 +102,7 @@ def command(arguments: Bench) -> str:
     words = ["passloc bench"]
     for field in dataclasses.fields(arguments):
         value = getattr(arguments, field.name)
-        if field.name in ("json", "out", "guard") or value == field.default:
+        if field.name in ("output", "out", "guard") or value == field.default:
             continue
         if isinstance(value, bool):
             words.append(f"--{'' if value else 'no-'}{field.name}")

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
-import json
 import os
 import platform
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+
+from training.progress import console
 
 _LIBRARIES = ("passloc", "numpy", "scipy", "filterpy", "gymnasium", "stonesoup", "stable_baselines3", "torch")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -210,9 +212,9 @@ class Results:
     trackers: Stepping | None = None
     learning: tuple[Learning, ...] = ()
 
-    def to_json(self) -> str:
-        """JSON text with every number."""
-        return json.dumps(dataclasses.asdict(self), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    def to_dict(self) -> dict[str, Any]:
+        """Every number."""
+        return dataclasses.asdict(self)
 
 
 def this_machine() -> Machine:
@@ -227,9 +229,8 @@ def this_machine() -> Machine:
     )
 
 
-def show(results: Results, console: Console | None = None) -> None:
+def show(results: Results, console: Console = console) -> None:
     """Print the tables."""
-    console = console or Console()
     machine = results.machine
     versions = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
     console.print(f"{machine.processor}, {machine.cores} cores; Python {machine.python}; {versions}", style="dim")

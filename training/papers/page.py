@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,16 +26,7 @@ it beside observers that move. `passloc reproduce all --out FOLDER` writes all o
 
 def save(reproduction: Reproduction, folder: Path, command: str) -> None:
     """Write what a reproduction came to, and the command that made it, as ``PAPER.json``."""
-    data = {
-        "paper": reproduction.paper,
-        "command": command,
-        "runs": reproduction.runs,
-        "seed": reproduction.seed,
-        "caution": reproduction.caution,
-        "claims": [dataclasses.asdict(claim) for claim in reproduction.claims],
-        "figures": [dataclasses.asdict(figure) for figure in reproduction.figures],
-        "tables": [dataclasses.asdict(table) for table in reproduction.tables],
-    }
+    data = {"command": command, **reproduction.to_dict()}
     write_whole(folder / f"{reproduction.paper}.json", json_text(data))
 
 

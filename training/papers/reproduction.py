@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -81,6 +82,18 @@ class Reproduction:
     tables: list[Table] = field(default_factory=list)
     caution: str = ""
     """What a reader of the verdicts should know; empty when there is nothing."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """What has been recorded, as plain data."""
+        return {
+            "paper": self.paper,
+            "runs": self.runs,
+            "seed": self.seed,
+            "caution": self.caution,
+            "claims": [dataclasses.asdict(claim) for claim in self.claims],
+            "figures": [dataclasses.asdict(figure) for figure in self.figures],
+            "tables": [dataclasses.asdict(table) for table in self.tables],
+        }
 
     def runs_or(self, default: int) -> int:
         """The number of runs asked for, or the paper's; fewer than that are cautioned against."""

@@ -1,0 +1,93 @@
+"""What shows what there is, and what happens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from training.commands.fields import EVALUATION_SEED, Answer, File, Folder, Output, Overrides, ScenarioName
+
+
+@dataclass(frozen=True)
+class List:
+    """List the scenarios, and who can fly them.
+
+    Examples:
+        passloc list
+        passloc list --json -
+        passloc list --pages runs/scenarios
+    """
+
+    pages: Folder = None
+    """Also write a page about every scenario into this folder; pages that are there are replaced."""
+    output: Answer = Output()
+
+
+@dataclass(frozen=True)
+class NewScenario:
+    """Write a scenario file to begin with.
+
+    It has every field, and a comment that says what each means.
+
+    Examples:
+        passloc new-scenario runs/mine.yaml
+        passloc new-scenario runs/mine.yaml --like BearingDoppler
+    """
+
+    file: Positional[Path]
+    """The file; what is there already is never written over."""
+    like: str = "BearingsOnly"
+    """Which scenario to begin like: name, Gymnasium id, or path."""
+    output: Answer = Output()
+
+
+@dataclass(frozen=True)
+class Observe:
+    """Say what can be known along a path.
+
+    Rank, weakest direction and Cramér–Rao bound of one episode, and a map of the bound over emitter positions.
+
+    Examples:
+        passloc observe BearingDopplerCase1b
+        passloc observe BearingDopplerCase1b --policy circle --out runs/circle.png
+        passloc observe runs/mine.yaml --policy zigzag:angle=45 --json runs/observed.json
+    """
+
+    scenario: ScenarioName = "BearingsOnly"
+    policy: str = "stationary"
+    """Rule or path of a trained agent that flies the episode."""
+    seed: int = EVALUATION_SEED
+    """Seed of the episode."""
+    out: File = None
+    """The picture; by default runs/observe/SCENARIO-POLICY-SEED.png."""
+    override: Overrides = ()
+    output: Answer = Output()
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Watch policies fly the same episode, side by side.
+
+    In a window, unless files are asked for.
+
+    Examples:
+        passloc replay BearingsOnly --policy learned,circle,straight --seed 1000003 --gif runs/replay.gif
+        passloc replay runs/mine.yaml --policy zigzag:angle=45 --mp4 runs/zigzag.mp4
+        passloc replay BearingDoppler --policy learned,circle --html runs/replay.html
+    """
+
+    scenario: ScenarioName = "BearingsOnly"
+    policy: str = "circle"
+    """Rules and paths of trained agents, separated by commas."""
+    seed: int = EVALUATION_SEED
+    """Seed of the episode."""
+    gif: File = None
+    """Write moving pictures here."""
+    mp4: File = None
+    """Write a film here."""
+    html: File = None
+    """Write a page here that plays the episode; it needs no network."""
+    override: Overrides = ()
+    output: Answer = Output()

@@ -1,0 +1,70 @@
+"""What holds the software to its promises."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from training.commands.fields import Answer, Folder, Output
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Reproduce five papers, claim by claim.
+
+    Simulations, figures, claims.json and a page, each claim with its verdict.
+
+    Papers: bearing-doppler (000), dual-satellite (001), radial-acceleration (002), dual-array (003), cross-fix (004).
+
+    Examples:
+        passloc reproduce cross-fix --out runs/cross-fix
+        passloc reproduce all --out docs/papers
+    """
+
+    paper: Positional[str] = "all"
+    """Which paper, by name or number, or all."""
+    out: Path = Path("runs/reproduce")
+    """Folder for figures, claims.json and the page; what is there of the same papers is replaced."""
+    runs: int | None = None
+    """Monte Carlo runs; by default as many as the paper."""
+    seed: int = 0
+    """Seed of the first run; the others count up from it."""
+    output: Answer = Output()
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure the speed, beside FilterPy and Stone Soup.
+
+    What counts are ratios within one run.
+
+    Examples:
+        passloc bench
+        passloc bench --no-learning --json bench.json
+    """
+
+    sizes: tuple[int, ...] = (1, 16, 256, 1024, 4096)
+    """Batch sizes."""
+    rounds: int = 5
+    """Interleaved rounds; the medians count."""
+    seconds: float = 0.3
+    """Seconds per candidate and round."""
+    states: bool = True
+    """Also with six states."""
+    workers: int = 2
+    """Also on so many processes, where N is large; 1 for not."""
+    peers: bool = True
+    """Also the FilterPy environment in Gymnasium's and Stable-Baselines3's wrappers."""
+    growth: bool = True
+    """Also every scenario, and more states, sensors and steps."""
+    trackers: bool = True
+    """Also the trackers alone, each beside FilterPy's filters."""
+    learning: bool = True
+    """Also PPO end to end."""
+    guard: bool = False
+    """Fail when a ratio is below the floor that it must keep."""
+    out: Folder = None
+    """Also write a page with the tables and a figure into this folder."""
+    output: Answer = Output()
