@@ -12,7 +12,7 @@ EXTRAS = {
     "train": frozenset(
         {"optuna", "rich", "safetensors", "sqlalchemy", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro"}
     ),
-    "render": frozenset({"PIL", "imageio_ffmpeg", "matplotlib", "pygame"}),
+    "render": frozenset({"PIL", "imageio_ffmpeg", "jinja2", "matplotlib", "plotly", "pygame"}),
 }
 """Import names of what the extras install."""
 

@@ -15,6 +15,8 @@ from training.hyperparameters import Hyperparameters
 from training.judging import judge
 from training.pictures import draw_learning_curve, draw_tracks
 from training.progress import console
+from training.report import report_page, write_report
+from training.report.subject import read_subject
 from training.table import markdown_table, notes, rich_table, title
 from training.train import Run, run
 
@@ -47,11 +49,14 @@ def demo(arguments: Demo) -> Evaluation:
 
 
 def _save(folder: Path, finished: Run, evaluation: Evaluation, agent: LearnedPolicy, scenario: Scenario) -> list[Path]:
-    """Write table, results and pictures; what was written."""
+    """Write table, results, pictures and the report; what was written."""
     table, results = folder / "table.md", folder / "evaluation.json"
     table.write_text(f"{title(evaluation)}\n\n{markdown_table(evaluation)}\n{notes(evaluation)}\n", encoding="utf-8")
+    evaluation.asked = (str(folder), *default_policies(scenario))
     evaluation.save(results)
     tracks, curve = folder / "tracks.png", folder / "learning_curve.png"
     draw_tracks(scenario, [agent, *(find_policy(name, scenario) for name in _SHOWN)], evaluation.seed, tracks)
     draw_learning_curve(finished, evaluation, curve)
-    return [table, results, tracks, curve]
+    page = folder / "report.html"
+    write_report(report_page(read_subject(folder, evaluation.episodes)), page)
+    return [table, results, tracks, curve, page]

@@ -51,7 +51,7 @@ class Recorder:
         steps, n = simulation.scenario.episode.steps, simulation.environments
         self.log_range_bound, self.error, self.nees = (np.zeros((steps, n)) for _ in range(3))
         self.violated = np.zeros((steps, n), bool)
-        self._step = 0
+        self._step, self._simulation = 0, simulation
         simulation.watchers.append(self._watch)
 
     def _watch(self, simulation: Simulation) -> None:
@@ -62,8 +62,9 @@ class Recorder:
         self.violated[self._step] = outcome.violated
         self._step += 1
 
-    def scores(self, simulation: Simulation) -> Scores:
+    def scores(self) -> Scores:
         """What the episodes came to, once they are over."""
+        simulation = self._simulation
         period, outcome = simulation.scenario.episode.period, simulation.outcome
         position = simulation.information.dynamics.layout.position
         return Scores(
@@ -97,23 +98,34 @@ def fly(
     Returns:
         The scores and the seconds per decision that the policy took.
     """
-    flown = scenario.override({**policy.overrides, "episode.early_end": False})
-    decisions = flown.episode.steps // flown.episode.decision_every
     parts, thinking = [], 0.0
     for first in range(0, episodes, CHUNK):
         count = min(CHUNK, episodes - first)
-        env = LocalisationVectorEnv(count, flown, autoreset_mode=AutoresetMode.DISABLED)
-        recorders = [Recorder(tile) for tile in env.batch.tiles]
-        observation, _ = env.reset(seed=seed + first)
-        for decision in range(decisions):
-            rng = _policy_generator(seed, decision, first * flown.action_size)
-            begun = time.perf_counter()
-            actions = decide(policy, env, observation, rng)
-            thinking += time.perf_counter() - begun
-            observation, *_ = env.step(actions)
-        parts += [recorder.scores(tile) for recorder, tile in zip(recorders, env.batch.tiles, strict=True)]
+        recorders, seconds = watch(scenario, policy, count, seed, first)
+        thinking += seconds * count / episodes
+        parts += [recorder.scores() for recorder in recorders]
         progress(count)
-    return Scores.join(parts), thinking / (decisions * episodes)
+    return Scores.join(parts), thinking
+
+
+def watch(scenario: Scenario, policy: Policy, episodes: int, seed: int, first: int = 0) -> tuple[list[Recorder], float]:
+    """Fly full episodes at once, seeds ``seed + first …``, as :func:`fly` does.
+
+    Returns:
+        What happened, in the order of the episodes, and the seconds per decision that the policy took.
+    """
+    flown, thinking = scenario.override({**policy.overrides, "episode.early_end": False}), 0.0
+    env = LocalisationVectorEnv(episodes, flown, autoreset_mode=AutoresetMode.DISABLED)
+    recorders = [Recorder(tile) for tile in env.batch.tiles]
+    observation, _ = env.reset(seed=seed + first)
+    decisions = flown.episode.steps // flown.episode.decision_every
+    for decision in range(decisions):
+        rng = _policy_generator(seed, decision, first * flown.action_size)
+        begun = time.perf_counter()
+        actions = decide(policy, env, observation, rng)
+        thinking += time.perf_counter() - begun
+        observation, *_ = env.step(actions)
+    return recorders, thinking / (decisions * episodes)
 
 
 def decide(policy: Policy, env: LocalisationVectorEnv, observation: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import json
+import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from agents import Policy
+from passloc_env.errors import InputError
 from passloc_env.models import state_layout
 from passloc_env.scenario import Scenario
 from training.arguments import at_least_one, check_seed
@@ -63,6 +66,10 @@ class Evaluation:
     anees_band: tuple[float, float]
     """95 % band of the ANEES of a consistent tracker, counting each episode's end as one sample."""
     scores: dict[str, Scores] = field(repr=False, default_factory=dict)
+    asked: tuple[str, ...] = ()
+    """What :func:`agents.find_policy` was asked for, policy by policy; empty where it was not."""
+    origin: dict[str, Any] = field(repr=False, default_factory=lambda: provenance(sys.argv))
+    """Command, versions, machine."""
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the per-episode scores, with where it came from."""
@@ -73,7 +80,8 @@ class Evaluation:
             "reference": self.reference,
             "anees_band": list(self.anees_band),
             "policies": [dataclasses.asdict(verdict) for verdict in self.verdicts],
-            "provenance": provenance(sys.argv),
+            "asked": list(self.asked),
+            "provenance": self.origin,
         }
 
     def to_json(self) -> str:
@@ -83,6 +91,48 @@ class Evaluation:
     def save(self, path: Path) -> None:
         """Write :meth:`to_json`; the file appears whole or not at all."""
         write_whole(path, self.to_json())
+
+
+def read_evaluation(path: Path) -> Evaluation:
+    """An evaluation that was saved; the scores of single episodes are not in it.
+
+    Raises:
+        InputError: it cannot be read, or is none.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        low, high = data["anees_band"]
+        return Evaluation(
+            Scenario.from_dict(data["scenario"]),
+            int(data["episodes"]),
+            int(data["seed"]),
+            str(data["reference"]),
+            [_verdict(entry) for entry in data["policies"]],
+            (float(low), float(high)),
+            asked=tuple(data.get("asked", ())),
+            origin=dict(data["provenance"]),
+        )
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} is not a whole evaluation: {type(error).__name__}: {error}") from None
+
+
+def _verdict(entry: dict[str, Any]) -> Verdict:
+    """A verdict from plain data; null stands for what was not a finite number."""
+    values: dict[str, Any] = {
+        field.name: Estimate(**{end: _number(value) for end, value in entry[field.name].items()})
+        if field.type == "Estimate"
+        else entry[field.name]
+        for field in dataclasses.fields(Verdict)
+    }
+    for name in ("efficiency", "anees", "milliseconds_per_decision"):
+        values[name] = _number(values[name])
+    return Verdict(**values)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
 
 
 def evaluate(
@@ -106,7 +156,7 @@ def evaluate(
     """
     at_least_one(episodes=episodes)
     check_seed(seed)
-    names = _unique([policy.name for policy in policies])
+    names = unique([policy.name for policy in policies])
     scores: dict[str, Scores] = {}
     seconds: dict[str, float] = {}
     for name, policy in zip(names, policies, strict=True):
@@ -158,7 +208,7 @@ def _judge(name: str, scores: Scores, reference: Scores, seconds: float, states:
     )
 
 
-def _unique(names: list[str]) -> list[str]:
+def unique(names: list[str]) -> list[str]:
     """Names made different by numbering the repeated ones."""
     unique: list[str] = []
     for index, name in enumerate(names):

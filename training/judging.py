@@ -21,8 +21,9 @@ def judge_policies(arguments: Evaluate) -> Evaluation:
     """
     scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
     names = arguments.policies.split(",") if arguments.policies else default_policies(scenario)
-    policies = [find_policy(name.strip(), scenario) for name in names]
-    evaluation = judge(scenario, policies, arguments.episodes, arguments.seed)
+    asked = tuple(name.strip() for name in names)
+    evaluation = judge(scenario, [find_policy(name, scenario) for name in asked], arguments.episodes, arguments.seed)
+    evaluation.asked = asked
     console.print(rich_table(evaluation, console.width))
     return evaluation
 

@@ -13,7 +13,7 @@ from agents import Policy, find_policy
 from passloc_env.errors import InputError
 from passloc_env.rendering.canvas import Canvas
 from passloc_env.rendering.frame import draw_frame
-from passloc_env.rendering.record import Recorder
+from passloc_env.rendering.record import Instant, Recorder
 from passloc_env.rendering.renderer import FRAMES_PER_SECOND
 from passloc_env.rendering.window import Window
 from passloc_env.scenario import Scenario
@@ -38,7 +38,8 @@ def replay(arguments: Replay) -> list[Path]:
     check_seed(arguments.seed)
     scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
     policies = [find_policy(name.strip(), scenario) for name in arguments.policy.split(",")]
-    files = {ending: path for ending, path in {"gif": arguments.gif, "mp4": arguments.mp4}.items() if path is not None}
+    wanted = {ending: getattr(arguments, ending) for ending in ("gif", "mp4", "html")}
+    files: dict[str, Path] = {ending: path for ending, path in wanted.items() if path is not None}
     for ending, path in files.items():
         if path.suffix.lower() != f".{ending}":
             raise InputError(f"{ending} = {str(path)!r} is not possible: must end in .{ending}")
@@ -46,28 +47,53 @@ def replay(arguments: Replay) -> list[Path]:
     if not files:
         _show(scenario, policies, arguments.seed)
         return []
-    from training.film import write_gif, write_mp4
-
-    frames = _flown(scenario, policies, arguments.seed)
-    frames += [frames[-1]] * _HELD
-    for ending, path in files.items():
-        {"gif": write_gif, "mp4": write_mp4}[ending](path, frames, FRAMES_PER_SECOND)
+    for path in _write(files, scenario, policies, arguments.seed):
         console.print(f"    {path}", highlight=False, soft_wrap=True)
     return list(files.values())
+
+
+def _write(files: dict[str, Path], scenario: Scenario, policies: Sequence[Policy], seed: int) -> Iterator[Path]:
+    """Write what was asked for; each file once it is whole."""
+    if "html" in files:
+        from training.report.episode_page import write_episode
+
+        write_episode(files["html"], scenario, policies, seed)
+        yield files["html"]
+    films = {ending: path for ending, path in files.items() if ending != "html"}
+    if films:
+        from training.film import write_gif, write_mp4
+
+        frames = _flown(scenario, policies, seed)
+        frames += [frames[-1]] * _HELD
+        for ending, path in films.items():
+            {"gif": write_gif, "mp4": write_mp4}[ending](path, frames, FRAMES_PER_SECOND)
+            yield path
 
 
 def fly(scenario: Scenario, policy: Policy, seed: int) -> Iterator[Canvas]:
     """Pictures of an episode: the first look, then one after each decision until it ends."""
     flown = scenario.override(dict(policy.overrides))
+    for instants in episode(flown, policy, seed):
+        yield draw_frame(flown, instants, policy.name)
+
+
+def record(scenario: Scenario, policy: Policy, seed: int) -> list[Instant]:
+    """An episode from its first look to its end, one instant per sensor step."""
+    *_, instants = episode(scenario.override(dict(policy.overrides)), policy, seed)
+    return instants
+
+
+def episode(flown: Scenario, policy: Policy, seed: int) -> Iterator[list[Instant]]:
+    """What has happened in an episode, at its first look and after each decision until it ends."""
     env = LocalisationVectorEnv(1, flown, autoreset_mode=AutoresetMode.DISABLED)
     recorder = Recorder(env.batch.tiles[0], 0)
     observation, _ = env.reset(seed=seed)
     rng, ended = np.random.default_rng(seed), False
-    yield draw_frame(flown, recorder.look(), policy.name)
+    yield recorder.look()
     while not ended:
         observation, _, terminated, truncated, _ = env.step(decide(policy, env, observation, rng))
         ended = bool(terminated[0] or truncated[0])
-        yield draw_frame(flown, recorder.look(), policy.name)
+        yield recorder.look()
 
 
 def side_by_side(flights: Sequence[Iterator[Canvas]]) -> Iterator[np.ndarray]:
