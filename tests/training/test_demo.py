@@ -26,6 +26,7 @@ FILES = {
     "curve.csv",
     "evaluation.json",
     "learning_curve.png",
+    "report.html",
     "table.md",
     "tensorboard",
     "tracks.png",
@@ -62,7 +63,7 @@ def png_size(content: bytes) -> tuple[int, int]:
 def test_every_file_is_there(played):
     folder, _, output = played
     assert {path.name for path in folder.iterdir()} == FILES
-    for name in ("table.md", "evaluation.json", "tracks.png", "learning_curve.png"):
+    for name in ("table.md", "evaluation.json", "tracks.png", "learning_curve.png", "report.html"):
         assert name in output
 
 
@@ -143,7 +144,7 @@ def test_a_folder_that_is_no_demo_is_left_alone(tmp_path, name, refuse):
 
 def test_a_training_run_is_no_demo(tmp_path, refuse):
     """A run folder has a configuration too; hours of training must not go for a demo."""
-    for name in FILES - {"table.md", "evaluation.json", "tracks.png", "learning_curve.png"}:
+    for name in FILES - {"table.md", "evaluation.json", "tracks.png", "learning_curve.png", "report.html"}:
         (tmp_path / name).write_text("{}", encoding="utf-8")
     before = sorted(path.name for path in tmp_path.iterdir())
     refuse(tmp_path)

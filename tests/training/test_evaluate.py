@@ -119,7 +119,7 @@ def test_file_is_valid_and_complete(evaluation, tmp_path):
     data = strictly(path.read_text(encoding="utf-8"))
     assert data == strictly(evaluation.to_json())
     assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
-    assert data.keys() == {"scenario", "episodes", "seed", "reference", "anees_band", "policies", "provenance"}
+    assert data.keys() == {"scenario", "episodes", "seed", "reference", "anees_band", "policies", "asked", "provenance"}
     assert Scenario.from_dict(data["scenario"]) == SHORT
     assert (data["episodes"], data["seed"], data["reference"]) == (EPISODES, 50, "circle")
     assert data["provenance"].keys() == {"command", "versions", "machine"}

@@ -45,6 +45,6 @@ def _curve(scenario: Scenario, policy: Policy, seed: int) -> ErrorCurve:
         for name in ("error", "log_range_bound")
     )
     low, middle, high = (100.0 * np.quantile(error, share, axis=1) for share in (0.25, 0.5, 0.75))
-    time = scenario.episode.period * np.arange(1, len(error) + 1)
+    time: Array = scenario.episode.period * np.arange(1, len(error) + 1, dtype=float)
     bound: Array = 100.0 * np.exp(np.median(log_bound, axis=1))
     return ErrorCurve(time, middle, low, high, bound)
