@@ -106,7 +106,7 @@ def fly(
         recorders = [Recorder(tile) for tile in env.batch.tiles]
         observation, _ = env.reset(seed=seed + first)
         for decision in range(decisions):
-            rng = _policy_generator(seed, decision, first * flown.action_size)
+            rng = policy_generator(seed, decision, first * flown.action_size)
             begun = time.perf_counter()
             actions = decide(policy, env, observation, rng)
             thinking += time.perf_counter() - begun
@@ -128,7 +128,7 @@ def decide(policy: Policy, env: LocalisationVectorEnv, observation: np.ndarray, 
     return policy.act_on_truth(np.concatenate(truth, axis=-1), observation, env.belief, rng)
 
 
-def _policy_generator(seed: int, decision: int, skip: int) -> np.random.Generator:
+def policy_generator(seed: int, decision: int, skip: int) -> np.random.Generator:
     """The policy's random numbers at one decision, beyond those of earlier episodes.
 
     A policy that draws one uniform number per action component then does the same in each episode however the episodes
