@@ -1,7 +1,7 @@
 """A flight as Stone Soup's own objects, for its metrics, plotters and filters.
 
 Importing this module imports Stone Soup. States keep the order of their rows, position block before velocity block,
-and SI units; :func:`position_mapping` and its like tell Stone Soup where to look. The one thing that is turned over is
+and SI units; :func:`position_mapping` and :func:`velocity_mapping` tell Stone Soup where to look. The one thing that is turned over is
 the bearing: ours is clockwise from north, Stone Soup's counter-clockwise from east.
 """
 
@@ -71,7 +71,11 @@ def platforms(flight: Flight, epoch: datetime) -> list[PathBasedPlatform]:
 
 
 def track(flight: Flight, epoch: datetime) -> Track:
-    """What our tracker believed, from its prior on."""
+    """What our tracker believed, from its prior on.
+
+    Where states of very different size stand beside each other, such as an orbit's metres and an attitude's radians,
+    scale them before a Mahalanobis measure of Stone Soup: its pseudo-inverse drops what is below 1e-15 of the largest.
+    """
     states = [
         GaussianState(StateVector(mean), CovarianceMatrix(covariance), timestamp=time)
         for mean, covariance, time in zip(
