@@ -105,9 +105,8 @@ def test_models_measure_the_truth_as_our_sensors_do(flight: Flight) -> None:
     for instant, (_, heard) in enumerate(detections(flight, EPOCH)):
         for detection in heard:
             value = np.asarray(detection.measurement_model.function(truth[instant], noise=False), float)[:, 0]
-            ours = _rows_like(flight, detection)
-            expected = clean[ours, instant]
-            if detection.metadata["sensor"] == "Bearing":
+            expected = clean[flight.suite.rows[detection.metadata["sensor"]], instant]
+            if detection.metadata["kind"] == "Bearing":
                 gap = (expected - (math.pi / 2.0 - value) + math.pi) % math.tau - math.pi
                 np.testing.assert_allclose(gap, 0.0, atol=1e-12)
             else:
@@ -119,18 +118,6 @@ def test_models_measure_the_truth_as_our_sensors_do(flight: Flight) -> None:
 def _noise_free_as_reported(flight: Flight) -> np.ndarray:
     layout = flight.track_layout
     return flight.suite.measure(Scene(layout.convert(flight.truth, flight.truth_layout), layout, flight.reported))
-
-
-def _rows_like(flight: Flight, detection) -> list[int]:
-    """The row of a detection: that of the measured value, which noise makes unique."""
-    instant = round((detection.timestamp - EPOCH).total_seconds() / flight.scenario.episode.period)
-    value = float(detection.state_vector[0, 0])
-    if detection.metadata["sensor"] == "Bearing":
-        gaps = np.abs(np.exp(1j * (math.pi / 2.0 - flight.measurement[:, instant])) - np.exp(1j * value))
-    else:
-        gaps = np.abs(flight.measurement[:, instant] - value)
-    assert gaps.min() < 1e-12
-    return [int(gaps.argmin())]
 
 
 def test_bearings_by_hand() -> None:
@@ -199,7 +186,7 @@ def test_sensor_models_differentiate_as_their_values_change() -> None:
     """The Jacobian is the slope of the function, by central differences."""
     flight = flown("BearingDoppler", "circle", **{"episode.steps": 12})
     _, heard = detections(flight, EPOCH)[5]
-    (doppler,) = (detection for detection in heard if detection.metadata["sensor"] == "Doppler")
+    (doppler,) = (detection for detection in heard if detection.metadata["kind"] == "Doppler")
     state, model = np.asarray(ground_truth(flight, EPOCH)[5].state_vector, float), doppler.measurement_model
     slopes = []
     for row, step in enumerate((10.0, 10.0, 0.1, 0.1)):
@@ -212,7 +199,7 @@ def test_sensor_models_differentiate_as_their_values_change() -> None:
 
 def test_sensor_models_draw_noise_of_their_own_size() -> None:
     flight = flown("BearingDoppler", "circle", **{"episode.steps": 12})
-    (doppler,) = (one for one in detections(flight, EPOCH)[5][1] if one.metadata["sensor"] == "Doppler")
+    (doppler,) = (one for one in detections(flight, EPOCH)[5][1] if one.metadata["kind"] == "Doppler")
     model, state = doppler.measurement_model, ground_truth(flight, EPOCH)[5]
     noise = np.asarray(model.rvs(4000, random_state=np.random.RandomState(0)), float)
     assert noise.std() == pytest.approx(math.sqrt(model.covar()[0, 0]), rel=5.0 / math.sqrt(2 * 4000))

@@ -1,8 +1,8 @@
 """A flight as Stone Soup's own objects, for its metrics, plotters and filters.
 
 Importing this module imports Stone Soup. States keep the order of their rows, position block before velocity block,
-and SI units; :func:`position_mapping` and :func:`velocity_mapping` tell Stone Soup where to look. The one thing that is turned over is
-the bearing: ours is clockwise from north, Stone Soup's counter-clockwise from east.
+and SI units; :func:`position_mapping` and :func:`velocity_mapping` tell Stone Soup where to look. The one thing that is
+turned over is the bearing: ours is clockwise from north, Stone Soup's counter-clockwise from east.
 """
 
 from __future__ import annotations
@@ -88,19 +88,20 @@ def track(flight: Flight, epoch: datetime) -> Track:
 def detections(flight: Flight, epoch: datetime) -> list[tuple[datetime, set[Detection]]]:
     """What was heard, as a detector of Stone Soup yields it: each instant with a detection per sensor that heard.
 
-    Each detection carries the model of its measurement, for states in the rows of the track, seen from where the
-    platform reported to be. A bearing is given as Stone Soup counts it, ``π/2 − θ``, with its own model; Stone Soup has
-    none for the other sensors alone, so these bring ours, in :class:`SensorModel`. The first instant is what our prior
-    was made from.
+    Each detection names its sensor in the metadata, by index and kind, and carries the model of its measurement, for
+    states in the rows of the track, seen from where the platform reported to be. A bearing is given as Stone Soup
+    counts it, ``π/2 − θ``, with its own model; Stone Soup has none for the other sensors alone, so these bring ours, in
+    :class:`SensorModel`. The first instant is what our prior was made from.
     """
     heard = []
     for instant, time in enumerate(_instants(flight, epoch)):
         poses = [_at(pose, instant) for pose in flight.reported]
-        now = {
-            _detection(sensor, flight.measurement[rows, instant], flight.track_layout, poses, time)
-            for sensor, rows in zip(flight.suite.sensors, flight.suite.rows, strict=True)
-            if flight.detected[rows, instant].all()
-        }
+        now = set()
+        for index, (sensor, rows) in enumerate(zip(flight.suite.sensors, flight.suite.rows, strict=True)):
+            if flight.detected[rows, instant].all():
+                vector, model = _measured(sensor, flight.measurement[rows, instant], flight.track_layout, poses)
+                metadata = {"sensor": index, "kind": type(sensor).__name__}
+                now.add(Detection(vector, timestamp=time, measurement_model=model, metadata=metadata))
         heard.append((time, now))
     return heard
 
@@ -138,30 +139,30 @@ class SensorModel(NonLinearGaussianMeasurement):  # type: ignore[misc]
         return Scene(np.asarray(state.state_vector, float)[..., None], self.layout, self.poses)
 
 
-def _detection(sensor: Sensor, value: Array, layout: StateLayout, poses: list[Pose], time: datetime) -> Detection:
-    noise, rows = CovarianceMatrix(sensor.noise_covariance()[..., 0]), layout.size
-    model: MeasurementModel
+def _measured(
+    sensor: Sensor, value: Array, layout: StateLayout, poses: list[Pose]
+) -> tuple[StateVector, MeasurementModel]:
+    """A measurement ``(m,)`` as Stone Soup counts it, and its model."""
+    noise = CovarianceMatrix(sensor.noise_covariance()[..., 0])
     if isinstance(sensor, Bearing):
         place = poses[sensor.platform].mounted(sensor.lever_arm).position
-        model = Cartesian2DToBearing(
-            ndim_state=rows,
+        bearing = Cartesian2DToBearing(
+            ndim_state=layout.size,
             mapping=position_mapping(layout)[:2],
             noise_covar=noise,
             translation_offset=StateVector(place[:2, 0]),
         )
-        vector = StateVector([StoneSoupBearing(math.pi / 2.0 - value[0])])
-    else:
-        model = SensorModel(
-            ndim_state=rows,
-            mapping=tuple(range(rows)),
-            noise_covar=noise,
-            sensor=sensor,
-            layout=layout,
-            poses=poses,
-        )
-        angles = zip(sensor.angular, value, strict=True)
-        vector = StateVector([StoneSoupBearing(scalar) if angle else scalar for angle, scalar in angles])
-    return Detection(vector, timestamp=time, measurement_model=model, metadata={"sensor": type(sensor).__name__})
+        return StateVector([StoneSoupBearing(math.pi / 2.0 - value[0])]), bearing
+    model = SensorModel(
+        ndim_state=layout.size,
+        mapping=tuple(range(layout.size)),
+        noise_covar=noise,
+        sensor=sensor,
+        layout=layout,
+        poses=poses,
+    )
+    angles = zip(sensor.angular, value, strict=True)
+    return StateVector([StoneSoupBearing(scalar) if angle else scalar for angle, scalar in angles]), model
 
 
 def _path(states: Array, times: list[datetime]) -> GroundTruthPath:

@@ -67,9 +67,7 @@ def encoder(form: str) -> Callable[[Table], str | bytes]:
     if form == "csv":
         return _csv
     if form == "parquet":
-        import pyarrow  # noqa: F401 - told before anything is flown
-
-        return _parquet
+        return _parquet()
     raise unknown_name("format", form, ("csv", "parquet"), "format")
 
 
@@ -88,15 +86,18 @@ def _word(value: object) -> object:
     return "" if value != value else value
 
 
-def _parquet(table: Table) -> bytes:
+def _parquet() -> Callable[[Table], bytes]:
     """Null where nothing is known."""
     import pyarrow
     from pyarrow import parquet
 
-    content = io.BytesIO()
-    columns = {name: pyarrow.array(values, from_pandas=True) for name, values in table.items()}
-    parquet.write_table(pyarrow.table(columns), content)
-    return content.getvalue()
+    def encode(table: Table) -> bytes:
+        content = io.BytesIO()
+        columns = {name: pyarrow.array(values, from_pandas=True) for name, values in table.items()}
+        parquet.write_table(pyarrow.table(columns), content)
+        return content.getvalue()
+
+    return encode
 
 
 def _instants(flight: Flight) -> Table:
