@@ -12,6 +12,7 @@ EXTRAS = {
     "train": frozenset(
         {"optuna", "rich", "safetensors", "sqlalchemy", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro"}
     ),
+    "export": frozenset({"pyarrow", "stonesoup"}),
     "render": frozenset({"PIL", "imageio_ffmpeg", "jinja2", "matplotlib", "plotly", "pygame"}),
 }
 """Import names of what the extras install."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -70,6 +71,12 @@ class StateLayout:
         axes = ("east", "north", "up")[: self.dimension] if self.dimension == 2 else ("x", "y", "z")[: self.dimension]
         derivatives = ("", " velocity", " acceleration")[: self.order + 1]
         return tuple(axis + derivative for derivative in derivatives for axis in axes) + self.nuisance
+
+    def units(self, nuisance_units: Mapping[str, str]) -> tuple[str, ...]:
+        """The unit of each row, e.g. ``("m", "m", "m/s", …)``, given those of the nuisance states by name."""
+        derivatives = ("m", "m/s", "m/s²")[: self.order + 1]
+        kinematic = tuple(unit for unit in derivatives for _ in range(self.dimension))
+        return kinematic + tuple(nuisance_units[name] for name in self.nuisance)
 
     def convert(self, state: Array, source: StateLayout) -> Array:
         """``state`` of layout ``source`` in this layout; rows the source lacks are zero. The same array when equal."""

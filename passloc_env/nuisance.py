@@ -27,3 +27,8 @@ def distinct(nuisances: Iterable[Nuisance]) -> tuple[Nuisance, ...]:
     for nuisance in nuisances:
         unique.setdefault(nuisance.name, nuisance)
     return tuple(unique.values())
+
+
+def units_of(nuisances: Iterable[Nuisance]) -> dict[str, str]:
+    """The unit of each nuisance, by name."""
+    return {nuisance.name: nuisance.unit for nuisance in nuisances}

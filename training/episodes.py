@@ -120,7 +120,7 @@ def watch(scenario: Scenario, policy: Policy, episodes: int, seed: int, first: i
     observation, _ = env.reset(seed=seed + first)
     decisions = flown.episode.steps // flown.episode.decision_every
     for decision in range(decisions):
-        rng = _policy_generator(seed, decision, first * flown.action_size)
+        rng = policy_generator(seed, decision, first * flown.action_size)
         begun = time.perf_counter()
         actions = decide(policy, env, observation, rng)
         thinking += time.perf_counter() - begun
@@ -140,7 +140,7 @@ def decide(policy: Policy, env: LocalisationVectorEnv, observation: np.ndarray, 
     return policy.act_on_truth(np.concatenate(truth, axis=-1), observation, env.belief, rng)
 
 
-def _policy_generator(seed: int, decision: int, skip: int) -> np.random.Generator:
+def policy_generator(seed: int, decision: int, skip: int) -> np.random.Generator:
     """The policy's random numbers at one decision, beyond those of earlier episodes.
 
     A policy that draws one uniform number per action component then does the same in each episode however the episodes

@@ -12,7 +12,7 @@ from rich.table import Table
 from agents import find_policy
 from passloc_env.layout import StateLayout
 from passloc_env.linalg import diagonal
-from passloc_env.nuisance import Nuisance
+from passloc_env.nuisance import Nuisance, units_of
 from passloc_env.survey import Survey
 from training.arguments import check_seed, free_path, parse_overrides, picture_path, read_scenario
 from training.commands import Observe
@@ -88,19 +88,12 @@ def _heard(survey: Survey) -> int:
 
 def _direction(vector: np.ndarray, scale: np.ndarray, layout: StateLayout, nuisances: Sequence[Nuisance]) -> str:
     """What matters of a direction in state units, in prior deviations ``scale`` and in state units, largest first."""
-    shares, units = vector / scale, _units(layout, nuisances)
+    shares, units = vector / scale, layout.units(units_of(nuisances))
     return ", ".join(
         f"{layout.names[row]} {shares[row]:+.2f}σ ({f'{vector[row]:.3g} {units[row]}'.strip()})"
         for row in np.argsort(-np.abs(shares), kind="stable")
         if abs(shares[row]) > _MATTERS * np.abs(shares).max()
     )
-
-
-def _units(layout: StateLayout, nuisances: Sequence[Nuisance]) -> list[str]:
-    """The unit of each state."""
-    kinematic = [unit for unit in ("m", "m/s", "m/s²")[: layout.order + 1] for _ in range(layout.dimension)]
-    own = {nuisance.name: nuisance.unit for nuisance in nuisances}
-    return kinematic + [own[name] for name in layout.nuisance]
 
 
 def _data(survey: Survey, policy: str) -> dict[str, Any]:

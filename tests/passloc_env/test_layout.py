@@ -59,3 +59,8 @@ def test_convert_matches_rows_by_name(source: StateLayout, target: StateLayout) 
     for name, row in zip(target.names, converted, strict=True):
         np.testing.assert_array_equal(row, known.get(name, np.zeros(3)))
     assert (converted is state) == (source == target)
+
+
+def test_units_by_hand() -> None:
+    assert StateLayout(2, 2).units({}) == ("m", "m", "m/s", "m/s", "m/s²", "m/s²")
+    assert StateLayout(3, 1, ("turn_rate",)).units({"turn_rate": "rad/s"}) == (*"mmm", *3 * ("m/s",), "rad/s")

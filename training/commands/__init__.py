@@ -11,7 +11,7 @@ from training.commands.completion import Completion
 from training.commands.fields import EVALUATION_SEED, Output
 from training.commands.judging import Card, Evaluate, Leaderboard, Report
 from training.commands.learning import Ablate, Demo, Seeds, Train, Tune
-from training.commands.looking import List, NewScenario, Observe, Replay
+from training.commands.looking import Export, List, NewScenario, Observe, Replay
 from training.commands.verifying import Bench, Reproduce
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "Completion",
     "Demo",
     "Evaluate",
+    "Export",
     "Leaderboard",
     "List",
     "NewScenario",
@@ -57,6 +58,7 @@ GROUPS: dict[str, dict[str, Command]] = {
         "new-scenario": Command(NewScenario, "training.starter:new_scenario"),
         "replay": Command(Replay, "training.replay:replay"),
         "observe": Command(Observe, "training.observe:observe"),
+        "export": Command(Export, "training.export.command:export"),
     },
     "train": {
         "demo": Command(Demo, "training.demo:demo"),

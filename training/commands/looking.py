@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -89,5 +90,31 @@ class Replay:
     """Write a film here."""
     html: File = None
     """Write a page here that plays the episode; it needs no network."""
+    override: Overrides = ()
+    output: Answer = Output()
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a flown episode as tables.
+
+    Truth, platforms, detections and tracks, as CSV or Parquet. For Stone Soup's own objects see the module
+    training.export.stone_soup.
+
+    Examples:
+        passloc export BearingsOnly --out runs/flight
+        passloc export BearingDoppler --policy learned --seed 1000003 --format parquet --out runs/flight
+        passloc export runs/mine.yaml --override sensors.0.sigma=0.01 --out runs/flight
+    """
+
+    scenario: ScenarioName = "BearingsOnly"
+    policy: str = "circle"
+    """Rule or path of a trained agent that flies the episode."""
+    seed: int = EVALUATION_SEED
+    """Seed of the episode."""
+    out: Path = Path("runs/export")
+    """Folder of the tables; tables that are there are replaced."""
+    format: Literal["csv", "parquet"] = "csv"
+    """Kind of file; Parquet needs passloc[export]."""
     override: Overrides = ()
     output: Answer = Output()

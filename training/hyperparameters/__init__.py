@@ -115,6 +115,18 @@ class Hyperparameters:
             if not accepts(getattr(self, name)):
                 raise HyperparameterError(f"{name} = {getattr(self, name)!r} is not possible: must be {allowed}")
 
+    @property
+    def ppo_keywords(self) -> dict[str, Any]:
+        """What Stable-Baselines3's PPO takes as it stands, by its own names."""
+        return {
+            "n_steps": self.rollout,
+            "batch_size": self.batch_size,
+            "n_epochs": self.epochs,
+            "gamma": self.discount,
+            "gae_lambda": self.trace_decay,
+            "ent_coef": self.entropy,
+        }
+
     @classmethod
     def load(cls, path: Path) -> Hyperparameters:
         """Read a YAML file; HyperparameterError when it is unreadable or names what does not exist."""

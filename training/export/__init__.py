@@ -1,0 +1,1 @@
+"""Flown episodes for other programs: as tables, and as what Stone Soup works with."""
