@@ -41,7 +41,7 @@ class Demo:
 
     Examples:
         passloc demo
-        passloc demo --decisions 300000 --out runs/quick
+        passloc demo --decisions 300000 --out runs/short
     """
 
     out: Folder = None

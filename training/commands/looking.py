@@ -76,7 +76,7 @@ class Replay:
     Examples:
         passloc replay BearingsOnly --policy learned,circle,straight --seed 1000003 --gif runs/replay.gif
         passloc replay runs/mine.yaml --policy zigzag:angle=45 --mp4 runs/zigzag.mp4
-        passloc replay BearingDoppler --policy learned,circle --html runs/replay.html
+        passloc replay BearingDopplerCase1b --policy learned,circle --html runs/replay.html
     """
 
     scenario: ScenarioName = "BearingsOnly"
@@ -103,7 +103,7 @@ class Export:
 
     Examples:
         passloc export BearingsOnly --out runs/flight
-        passloc export BearingDoppler --policy learned --seed 1000003 --format parquet --out runs/flight
+        passloc export BearingsOnly --policy learned --seed 1000003 --format parquet --out runs/flight
         passloc export runs/mine.yaml --override sensors.0.sigma=0.01 --out runs/flight
     """
 
