@@ -71,7 +71,10 @@ def _list(arguments: List) -> None:
 
     print_scenarios(console)
     if arguments.pages is not None:
+        from training.scenario_films import write_films
+
         write_pages(arguments.pages)
+        write_films(arguments.pages)
 
 
 def _train(arguments: Train) -> None:
