@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 import re
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files, InclusionLevel
 
 _ENDING = ".ipynb"
+_LINK = re.compile(r"\]\(([^)]+)\.ipynb\)")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
 
@@ -21,13 +23,13 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for notebook in [file for file in files if file.src_uri.endswith(_ENDING)]:
         notebook.inclusion = InclusionLevel.INCLUDED
         stem = notebook.src_uri.removesuffix(_ENDING)
-        cells = json.loads(notebook.content_string)["cells"]
         parts: list[str] = []
-        for cell in cells:
-            parts.append("".join(cell["source"]) if cell["cell_type"] == "markdown" else _code(cell))
+        pictures = itertools.count()
+        for cell in json.loads(notebook.content_string)["cells"]:
+            parts.append(_text(cell) if cell["cell_type"] == "markdown" else _code(cell))
             for kind, shown in _outputs(cell):
                 if kind == "picture":
-                    name = f"{stem}_{sum(part.startswith('![') for part in parts)}.png"
+                    name = f"{stem}_{next(pictures)}.png"
                     files.append(File.generated(config, name, content=base64.b64decode(shown)))
                     parts.append(f"![Output]({Path(name).name})")
                 else:
@@ -37,6 +39,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         page = "\n\n".join([title, download, *others]) + "\n"
         files.append(File.generated(config, f"{stem}.md", content=page))
     return files
+
+
+def _text(cell: dict[str, Any]) -> str:
+    """A cell of text, whose links to notebooks lead to their pages."""
+    return _LINK.sub(r"](\1.md)", "".join(cell["source"]))
 
 
 def _code(cell: dict[str, Any]) -> str:
