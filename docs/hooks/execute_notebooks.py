@@ -25,8 +25,9 @@ def executed(path: Path, folder: Path) -> nbformat.NotebookNode:
         # The kernel listens at files of its own, not at ports that anybody on the machine can speak to.
         config = Config(KernelManager={"transport": "ipc", "ip": f"{private}/kernel"})
         where = {"metadata": {"path": str(folder)}}
-        settings = {"timeout": 600, "record_timing": False, "coalesce_streams": True}
-        NotebookClient(notebook, resources=where, config=config, **settings).execute()
+        client = NotebookClient(notebook, resources=where, config=config, timeout=600)
+        client.record_timing, client.coalesce_streams = False, True
+        client.execute()
     notebook.metadata = {"kernelspec": notebook.metadata["kernelspec"], "language_info": {"name": "python"}}
     return notebook
 
