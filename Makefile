@@ -14,10 +14,10 @@ DEV := $(VENV)/.installed-dev
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup demo test lint bench clean
+.PHONY: help setup demo test lint bench docs notebooks clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: $(DEV) ## install passloc with everything needed to develop it
 
@@ -36,8 +36,16 @@ lint: $(DEV) ## check style, format and types
 bench: $(DEV) ## measure the speed, beside FilterPy and Stone Soup
 	$(BIN)/passloc bench $(ARGS)
 
+docs: export NO_MKDOCS_2_WARNING := 1
+docs: $(DEV) ## build the documentation into site/
+	$(BIN)/mkdocs build --strict $(ARGS)
+
+notebooks: export OMP_NUM_THREADS := 1
+notebooks: $(DEV) ## execute the notebooks of the documentation again
+	$(BIN)/python docs/hooks/execute_notebooks.py docs/notebooks/*.ipynb
+
 clean: ## remove .venv, caches and build results (runs/ stays)
-	rm -rf $(VENV) build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist site .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find passloc_env agents training tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
 
 # An install that was cut short may leave half-written packages which pip takes for whole ones, so the mark
@@ -57,7 +65,7 @@ $(RUN): STAMPS := $(RUN)
 $(RUN): pyproject.toml constraints.txt
 	$(install)
 
-$(DEV): EXTRAS := train,render,dev
+$(DEV): EXTRAS := train,render,dev,docs
 $(DEV): STAMPS := $(RUN) $(DEV)
 $(DEV): pyproject.toml constraints.txt
 	$(install)

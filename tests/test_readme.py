@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from markdown_blocks import ROOT, blocks, run
 
 from training.cli import main
 
-ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-EXAMPLES = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+EXAMPLES = blocks(ROOT / "README.md")
 
 
 def test_there_are_examples_for_gymnasium_and_stable_baselines3() -> None:
@@ -23,10 +21,7 @@ def test_there_are_examples_for_gymnasium_and_stable_baselines3() -> None:
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=[example.split("\n")[0] for example in EXAMPLES])
 def test_example_runs_as_written(example: str, tmp_path: Path) -> None:
-    result = subprocess.run(
-        [sys.executable, "-W", "error", "-c", example], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert result.returncode == 0, result.stderr
+    run(example, tmp_path)
 
 
 @pytest.mark.parametrize("command", sorted(set(re.findall(r"^passloc ([\w-]+)", README, flags=re.MULTILINE))))

@@ -17,8 +17,13 @@ _COLOURS = 64
 
 
 def write_gif(path: Path, frames: Iterable[np.ndarray], per_second: float) -> None:
-    """Write frames ``(height, width, 3)``; a file appears when it is whole."""
-    first, *others = (Image.fromarray(frame).quantize(_COLOURS, dither=Image.Dither.NONE) for frame in frames)
+    """Write frames ``(height, width, 3)``; a file appears when it is whole.
+
+    All share the palette of the last one, which has seen everything: what stays as it was then costs nothing.
+    """
+    pictures = [Image.fromarray(frame) for frame in frames]
+    palette = pictures[-1].quantize(_COLOURS, dither=Image.Dither.NONE)
+    first, *others = (picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)
     part = path.with_name(f".{path.name}.part")
     try:
         first.save(part, "GIF", save_all=True, append_images=others, duration=round(1e3 / per_second), loop=0)

@@ -21,9 +21,11 @@ def list_scenarios(arguments: List) -> dict[str, Any]:
     """Print the scenarios, and write their pages where that is asked for; what was printed, as plain data."""
     print_scenarios(console)
     if arguments.pages is not None:
+        from training.scenario_films import write_films
         from training.scenario_pages import write_pages
 
         write_pages(arguments.pages)
+        write_films(arguments.pages)
     return {
         environment_id(name): {
             "duration": scenario.episode.duration,

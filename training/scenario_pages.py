@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from agents import default_policies
+from agents import AgentFileError, agents_for, default_policies, find_policy, rules_for
 from passloc_env.component import Component, specs
 from passloc_env.distributions import Distribution
 from passloc_env.fields import Part, Parts
@@ -15,18 +15,24 @@ from passloc_env.models import observation_names
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS, environment_id
 from passloc_env.spaces import action_space
+from training.commands import EVALUATION_SEED
+from training.files import write_whole
 from training.scenario_words import sensor_names, story, summary
+
+_LEARNED = "learned"
+_FILMED_RULES = ("circle", "roll")
+"""Of these the first that can be flown is filmed where no shipped agent can be."""
 
 
 def write_pages(folder: Path) -> list[Path]:
     """Write ``NAME.md`` for every scenario and an index; what was written."""
     folder.mkdir(parents=True, exist_ok=True)
     index = folder / "index.md"
-    index.write_text(index_page(), encoding="utf-8")
+    write_whole(index, index_page())
     written = [index]
     for name, scenario in SCENARIOS.items():
         path = folder / f"{name}.md"
-        path.write_text(page(scenario), encoding="utf-8")
+        write_whole(path, page(scenario))
         written.append(path)
     return written
 
@@ -46,20 +52,36 @@ def index_page() -> str:
     return f"# Scenarios\n\n{_table(('id', 'what', 'sensors', 'episode', 'actions'), rows)}"
 
 
+def film_name(scenario: Scenario) -> str:
+    """The file of a scenario's film, beside its page."""
+    return f"{scenario.name}.gif"
+
+
+def pilot(scenario: Scenario) -> str:
+    """Who flies in the film, as commands name it: the shipped agent, or a rule where none fits the scenario."""
+    try:
+        find_policy(_LEARNED, scenario)
+    except AgentFileError:
+        return next(rule for rule in _FILMED_RULES if rule in rules_for(scenario))
+    return _LEARNED
+
+
 def page(scenario: Scenario) -> str:
-    """Story, actions, observation, rewards, ends, and every number of a scenario."""
+    """Story, film, actions, observation, rewards, ends, and every number of a scenario."""
     episode = scenario.episode
     keep_out = f"entering {episode.min_range:g} m of the emitter" if episode.min_range else "nothing but a lost track"
     parts = [
         f"# {environment_id(scenario.name)}",
         *story(scenario),
+        "## Watch it",
+        *_film(scenario),
         "## Actions",
-        f"`Box(-1, 1, {action_space(scenario).shape}, float32)`, one decision each {episode.interval:g} s: "
-        + "; ".join(_commands(scenario)),
+        f"`Box(-1, 1, {action_space(scenario).shape}, float32)`, one decision each {episode.interval:g} s:",
+        _list(_commands(scenario)),
         "## Observation",
-        "The belief in the frame of its own line of sight, float32, each feature within ±10: "
-        + ", ".join(f"{name}" for name in observation_names(scenario))
-        + ".",
+        f"`Box(-10, 10, ({len(observation_names(scenario))},), float32)`, the belief in the frame of its own line of "
+        "sight:",
+        _table(("row", "feature"), [(str(row), name) for row, name in enumerate(observation_names(scenario))]),
         "## Rewards",
         _table(("term", "weight"), [(term.name, f"{term.weight:g}") for term in scenario.reward]),
         "## Episode end",
@@ -67,10 +89,26 @@ def page(scenario: Scenario) -> str:
         f"the relative error exceeds {episode.lost_error:g}.",
         "## Rules that fly it",
         ", ".join(f"`{name}`" for name in default_policies(scenario)),
+        f"How they compare: [leaderboard](../leaderboard/index.md#{scenario.name.lower()}).",
         "## Everything it is made of",
         _table(("field", "value", "unit", "meaning"), list(_fields(scenario, ""))),
     ]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(part.rstrip("\n") for part in parts) + "\n"
+
+
+def _film(scenario: Scenario) -> tuple[str, str, str]:
+    """The film, who flies in it, and how to fly it again."""
+    name = pilot(scenario)
+    if name == _LEARNED:
+        who = f"the shipped agent `{agents_for(scenario.name)[0]}`"
+    else:
+        who = f"the rule `{name}`; no shipped agent is for this scenario as it stands"
+    return (
+        f"![{scenario.name}, flown by {name}: tracks, belief and bound]({film_name(scenario)})",
+        f"*Seed {EVALUATION_SEED}, flown by {who}.* Again, in full length:",
+        f"```sh\npassloc replay {scenario.name} --policy {name} --seed {EVALUATION_SEED} "
+        f"--gif runs/{film_name(scenario)}\n```",
+    )
 
 
 def _commands(scenario: Scenario) -> Iterator[str]:
@@ -105,6 +143,10 @@ def _value(value: Any) -> str:
     if isinstance(value, tuple):
         return ", ".join(map(_value, value)) or "–"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _list(items: Iterable[str]) -> str:
+    return "\n".join(f"- {item}" for item in items)
 
 
 def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:

@@ -23,7 +23,7 @@ def draw_frame(scenario: Scenario, instants: list[Instant], title: str | None = 
     now, episode, canvas = instants[-1], scenario.episode, Canvas(SIZE, SIZE)
     canvas.words(scenario.name if title is None else title, (12, 16), size=17)
     clock = f"{now.time:.0f} of {episode.duration:.0f} s"
-    quality = f"error {_percent(now.error)}, bound {_percent(now.bound)} of range"
+    quality = f"error {_percent(now.error)}, bound {_percent(now.bound)}"
     canvas.words(f"{clock} · {quality}", (SIZE - 12, 16), size=14, align="right")
     _legend(canvas, bool(now.bearings), bool(episode.min_range))
     draw_map(canvas, instants, episode.min_range, _MAP)

@@ -6,15 +6,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
-from agents import default_policies
+from agents import AgentFileError, default_policies, find_policy, rules_for
+from agents.shipped import learned
 from passloc_env.component import Component, specs
 from passloc_env.distributions import Distribution
 from passloc_env.models import observation_names
+from passloc_env.rendering.frame import SIZE
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS, environment_id
 from passloc_env.spaces import observation_space
-from training.scenario_pages import index_page, page, write_pages
+from training.scenario_films import FRAMES, write_film
+from training.scenario_pages import film_name, index_page, page, pilot, write_pages
 
 COMMITTED = Path(__file__).parents[2] / "docs" / "scenarios"
 STALE = "is stale: run `passloc list --pages docs/scenarios`"
@@ -41,14 +45,46 @@ def test_the_committed_index_is_what_the_code_writes() -> None:
 
 
 def test_every_scenario_has_a_page_and_nothing_else_has() -> None:
-    assert {path.name for path in COMMITTED.iterdir()} == {"index.md", *(f"{name}.md" for name in SCENARIOS)}
+    pages, films = {f"{name}.md" for name in SCENARIOS}, {film_name(scenario) for scenario in SCENARIOS.values()}
+    assert {path.name for path in COMMITTED.iterdir()} == {"index.md"} | pages | films
+
+
+def test_the_film_is_there_and_says_who_flies(scenario: Scenario) -> None:
+    """A moving picture of at most 250 kB, of the shipped agent wherever one fits the scenario."""
+    film = COMMITTED / film_name(scenario)
+    assert film.stat().st_size <= 250_000
+    with Image.open(film) as image:
+        assert 1 < image.n_frames <= 40
+    shown = section(page(scenario), "Watch it")
+    assert f"]({film.name})" in shown
+    assert f"passloc replay {scenario.name} --policy {pilot(scenario)} " in shown
+    assert find_policy(pilot(scenario), scenario).act
+    try:
+        learned(scenario)
+    except AgentFileError:
+        assert pilot(scenario) in rules_for(scenario)
+    else:
+        assert pilot(scenario) == "learned"
+
+
+def test_a_film_is_written_where_asked(tmp_path: Path) -> None:
+    """A few pictures of the whole episode, the end held, two policies side by side."""
+    scenario = SCENARIOS["CrossFix"]
+    path = tmp_path / "film.gif"
+    write_film(path, scenario, [find_policy(name, scenario) for name in ("circle", "straight")])
+    decisions = scenario.episode.steps // scenario.episode.decision_every
+    assert decisions < FRAMES
+    with Image.open(path) as image:
+        assert image.size == (2 * SIZE, SIZE)
+        assert 2 <= image.n_frames <= 2 + decisions
 
 
 def test_every_observation_and_reward_is_named(scenario: Scenario) -> None:
     text = page(scenario)
-    features = section(text, "Observation").split(": ", 1)[1].strip().removesuffix(".").split(", ")
-    assert tuple(features) == observation_names(scenario)
+    features = [line for line in section(text, "Observation").splitlines() if line.startswith("|")][2:]
+    assert features == [f"| {row} | {name} |" for row, name in enumerate(observation_names(scenario))]
     assert observation_space(scenario).shape == (len(features),)
+    assert f"`Box(-10, 10, ({len(features)},), float32)`" in section(text, "Observation")
     rows = [line for line in section(text, "Rewards").splitlines() if line.startswith("|")][2:]
     assert rows == [f"| {term.name} | {term.weight:g} |" for term in scenario.reward]
 
@@ -65,7 +101,8 @@ def test_actions_ends_and_rules(scenario: Scenario) -> None:
     assert f"after {episode.steps} measurements ({episode.duration:g} s)" in ends
     keep_out = f"entering {episode.min_range:g} m of the emitter"
     assert (keep_out in ends) == (episode.min_range > 0.0)
-    rules = section(text, "Rules that fly it").strip()
+    rules, board = section(text, "Rules that fly it").strip().split("\n\n")
+    assert f"(../leaderboard/index.md#{scenario.name.lower()})" in board
     assert rules == ", ".join(f"`{name}`" for name in default_policies(scenario))
 
 
@@ -132,7 +169,7 @@ def test_a_scenario_that_no_file_describes() -> None:
 
 def test_pages_are_written_where_asked(tmp_path: Path) -> None:
     written = write_pages(tmp_path / "new" / "pages")
-    assert {path.name for path in written} == {path.name for path in COMMITTED.iterdir()}
+    assert {path.name for path in written} == {path.name for path in COMMITTED.glob("*.md")}
     for path in written:
         assert path.read_text(encoding="utf-8") == (COMMITTED / path.name).read_text(encoding="utf-8")
     assert written == write_pages(tmp_path / "new" / "pages")

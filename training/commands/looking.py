@@ -22,7 +22,7 @@ class List:
     """
 
     pages: Folder = None
-    """Also write a page about every scenario into this folder; pages that are there are replaced."""
+    """Also write a page and a film of every scenario into this folder; what is there is replaced."""
     output: Answer = Output()
 
 
