@@ -10,7 +10,18 @@ from passloc_env.shadowing import OURS, explain, shadowed
 
 EXTRAS = {
     "train": frozenset(
-        {"optuna", "rich", "safetensors", "sqlalchemy", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro"}
+        {
+            "optuna",
+            "rich",
+            "safetensors",
+            "shtab",
+            "sqlalchemy",
+            "stable_baselines3",
+            "tensorboard",
+            "torch",
+            "tqdm",
+            "tyro",
+        }
     ),
     "export": frozenset({"pyarrow", "stonesoup"}),
     "render": frozenset({"PIL", "imageio_ffmpeg", "jinja2", "matplotlib", "plotly", "pygame"}),

@@ -65,8 +65,14 @@ def train(arguments: Train) -> Run:
     check_seed(arguments.seed)
     check_training(scenario, parameters)
     folder = new_folder(arguments.out, f"{scenario.name}-{arguments.seed}")
-    finished = run(scenario, parameters, folder, arguments.seed)
-    console.print(f"trained in {finished.seconds:.0f} s; the agent is in {folder}", highlight=False, soft_wrap=True)
+    return run(scenario, parameters, folder, arguments.seed)
+
+
+def train_and_say(arguments: Train) -> Run:
+    """Train as :func:`train` does, and say how long it took and where the agent is."""
+    finished = train(arguments)
+    said = f"trained in {finished.seconds:.0f} s; the agent is in {finished.folder}"
+    console.print(said, highlight=False, soft_wrap=True)
     return finished
 
 

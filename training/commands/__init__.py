@@ -62,7 +62,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     },
     "train": {
         "demo": Command(Demo, "training.demo:demo"),
-        "train": Command(Train, "training.train:train"),
+        "train": Command(Train, "training.train:train_and_say"),
         "tune": Command(Tune, "training.tune:tune"),
         "seeds": Command(Seeds, "training.seeds:seeds"),
         "ablate": Command(Ablate, "training.ablation:ablate"),
