@@ -19,7 +19,7 @@ from matplotlib.ticker import FixedLocator, Locator, LogLocator, MaxNLocator, Nu
 from passloc_env.arrays import Array
 from passloc_env.frames import from_geodetic, geodetic
 from passloc_env.platforms import CircularOrbit
-from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER
+from passloc_env.rendering.colours import BLACK, BOUND, EMITTER, ESTIMATE, OBSERVER, PURPLE
 from passloc_env.survey import Survey
 
 _CELLS = 61
@@ -35,7 +35,7 @@ _FLOOR = 1e-3
 _FLAT, _FEW = 1.05, 4.0
 """Maps whose values differ by smaller factors are nearly constant, or too narrow for ticks at 1, 2, 5, 10."""
 
-_PLATFORMS = ((OBSERVER, "-"), ("#CC79A7", "--"), (ESTIMATE, ":"), ("#000000", "-."))
+_PLATFORMS = ((OBSERVER, "-"), (PURPLE, "--"), (ESTIMATE, ":"), (BLACK, "-."))
 """Colour and line of each platform, in turn: two that fly in file are both seen."""
 
 

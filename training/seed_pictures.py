@@ -13,8 +13,9 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from passloc_env.arrays import Array
+from passloc_env.rendering.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 """Okabe and Ito's, told apart by colour-blind eyes; further runs begin anew with dashes."""
 
 

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
+from passloc_env.rendering.colours import BLACK, BLUE, GREY, PURPLE, VERMILION
 from training.evaluate import Evaluation, Verdict
 from training.leaderboard.entrants import Entrant, Kind
 from training.score import LOG_RANGE_BOUND, score_of
@@ -22,11 +23,11 @@ from training.statistics import Estimate
 from training.table import ranked
 
 COLOURS: dict[Kind, str] = {
-    "learned": "#D55E00",
-    "planner": "#0072B2",
-    "rule": "#595959",
-    "truth": "#CC79A7",
-    "optimum": "#000000",
+    "learned": VERMILION,
+    "planner": BLUE,
+    "rule": GREY,
+    "truth": PURPLE,
+    "optimum": BLACK,
 }
 """Okabe and Ito's colours, told apart by colour-blind eyes; markers tell the kinds apart too."""
 
@@ -144,5 +145,5 @@ def _legend(shown: Sequence[Kind], hollow: bool) -> list[Line2D]:
     ]
     if hollow:
         words = f"hollow: violations in more than {100.0 * MANY_VIOLATIONS:g} % of episodes"
-        handles.append(Line2D([], [], ls="", marker="o", color="#595959", mfc="white", ms=6.5, mew=1.3, label=words))
+        handles.append(Line2D([], [], ls="", marker="o", color=GREY, mfc="white", ms=6.5, mew=1.3, label=words))
     return handles

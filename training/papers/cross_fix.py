@@ -15,7 +15,7 @@ import numpy as np
 
 from passloc_env.angles import bearing_of, direction
 from passloc_env.arrays import Array
-from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER
+from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER, ORANGE, PURPLE
 from passloc_env.tracking.cross_fix import (
     least_squares,
     maximum_likelihood,
@@ -117,7 +117,7 @@ def mean_of_all_that_fits(stations: Array, bearings: Array) -> Array:
     return np.concatenate(fixes, axis=1)
 
 
-TANGENT = Method("tangent least squares (4)", tangent_least_squares, "#E69F00")
+TANGENT = Method("tangent least squares (4)", tangent_least_squares, ORANGE)
 LINES = Method("least squares (8)", least_squares, OBSERVER, (0.512, 0.688, 0.801, 0.864))
 RAYS = Method("positive ranges (12)", positive_range_least_squares, EMITTER, (0.591, 0.772, 0.885, 0.939))
 LIKELIHOOD = Method("maximum likelihood", maximum_likelihood, ESTIMATE)
@@ -335,7 +335,7 @@ def _draw_false_fix(reproduction: Reproduction) -> None:
             axes.plot(*ahead, color="black", lw=1.0, label="bearing" if index == 0 else None)
             axes.plot(*behind, color="black", lw=0.9, ls=":", label="its other side" if index == 0 else None)
         axes.plot(*scene.stations[..., 0], "^", color="black", ms=8, label="station")
-        axes.plot(*scene.target, "*", color="#CC79A7", ms=14, label="target")
+        axes.plot(*scene.target, "*", color=PURPLE, ms=14, label="target")
         for method, marker in zip(METHODS, "svoD", strict=True):
             fix = method.locate(scene.stations, scene.bearings)
             axes.plot(*fix, marker, color=method.colour, mfc="none", mew=2, ms=11, ls="none", label=method.name)

@@ -26,7 +26,7 @@ from passloc_env.observability import (
     rank_report,
     record_scale,
 )
-from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER
+from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, OBSERVER, PURPLE
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.simulation import Simulation
@@ -66,7 +66,6 @@ _SETTINGS = (
     "c = 1500 m/s, f₀ known, acceleration random walk 0.01 m/s² per step, first guess 1 km, 1 m/s, 0.01 m/s²; the look "
     "at 500 s is the limit from before"
 )
-_PURPLE = "#CC79A7"
 _MANY = 10
 """So many times the runs where a few runs in a hundred decide the RMS."""
 
@@ -101,7 +100,7 @@ class Track:
 PLAIN = Track("on the baseline, unscented filter", 0.0, EMITTER)
 AWARE = Track("on the baseline, filter that knows of passages", 0.0, ESTIMATE, aware=True)
 NEAR = Track("50 m off the baseline, unscented filter", 50.0, OBSERVER)
-FAR = Track("1000 m off the baseline, unscented filter", 1000.0, _PURPLE)
+FAR = Track("1000 m off the baseline, unscented filter", 1000.0, PURPLE)
 
 Histories = Mapping[Track, History]
 
