@@ -11,6 +11,7 @@ from passloc_env.shadowing import OURS, explain, shadowed
 EXTRAS = {
     "train": frozenset(
         {
+            "filelock",
             "optuna",
             "rich",
             "safetensors",

@@ -98,6 +98,15 @@ class LocalisationVecEnv(VecEnv):
         self._returns[:], self._lengths[:] = 0.0, 0
         return observation
 
+    def get_state(self) -> dict[str, Any]:
+        """A snapshot, from which :meth:`set_state` continues bit for bit."""
+        return {"env": self.env.get_state(), "returns": self._returns.copy(), "lengths": self._lengths.copy()}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go back to a snapshot; ValueError when it is of another shape."""
+        self.env.set_state(state["env"])
+        self._returns, self._lengths = state["returns"].copy(), state["lengths"].copy()
+
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions ``(n_envs, a)`` for :meth:`step_wait`."""
         self._actions = actions

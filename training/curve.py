@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import csv
+import io
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from passloc_env.arrays import Array
 from passloc_env.errors import InputError
+from training.files import write_whole
 
 COLUMNS = ("decisions", "seconds", "mean_return", "mean_length", "violations")
 
@@ -22,21 +24,36 @@ class CurveCallback(BaseCallback):
     Args:
         path: the CSV file.
         watch: called with each row; what it raises ends the training.
+        rows: those of a training that goes on.
+        elapsed: seconds that it has taken already.
 
     Attributes:
         rows: one dictionary per rollout, keys :data:`COLUMNS`.
     """
 
-    def __init__(self, path: Path, watch: Callable[[dict[str, float]], None] = lambda row: None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        watch: Callable[[dict[str, float]], None] = lambda row: None,
+        rows: Sequence[dict[str, float]] = (),
+        elapsed: float = 0.0,
+    ) -> None:
         super().__init__()
-        self.rows: list[dict[str, float]] = []
-        self._path, self._watch = path, watch
+        self.rows = list(rows)
+        self._path, self._watch, self._elapsed = path, watch, elapsed
         self._episodes: list[tuple[float, float, bool]] = []
 
     def _on_training_start(self) -> None:
-        self._begun = time.perf_counter()
-        with self._path.open("w", newline="") as file:
-            csv.writer(file).writerow(COLUMNS)
+        self._begun = time.perf_counter() - self._elapsed
+        # What was written after the checkpoint that is gone on from will be written again.
+        kept = io.StringIO()
+        csv.writer(kept).writerows([COLUMNS, *(row.values() for row in self.rows)])
+        write_whole(self._path, kept.getvalue())
+
+    @property
+    def seconds(self) -> float:
+        """How long the training has taken."""
+        return time.perf_counter() - self._begun
 
     def _on_step(self) -> bool:
         for index in np.flatnonzero(self.locals["dones"]):
@@ -51,7 +68,7 @@ class CurveCallback(BaseCallback):
         self._episodes.clear()
         values = (
             self.num_timesteps,
-            time.perf_counter() - self._begun,
+            self.seconds,
             returns.mean(),
             lengths.mean(),
             violated.mean(),

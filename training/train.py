@@ -3,38 +3,37 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-import numpy as np
 import torch
 from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import configure
-from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
-from agents.agent_file import AgentFile
-from agents.shield import Shield
+from agents.agent_file import CARD, AgentFile
 from agents.symmetry import MirrorSymmetry
-from passloc_env.models import observation_names
-from passloc_env.sb3 import make_vec_env
+from passloc_env.errors import InputError
 from passloc_env.scenario import Scenario
 from training.arguments import check_seed, new_folder, parse_overrides, read_scenario
+from training.checkpoint import Checkpoint, find_checkpoint, forget_checkpoints, has_checkpoint
+from training.checkpoint_callback import CheckpointCallback
 from training.commands import Train
 from training.curve import CurveCallback
-from training.families import Together, families_of, shares
-from training.files import json_text, note, write_whole
+from training.families import families_of
+from training.files import note
 from training.hyperparameters import Hyperparameters
-from training.privileged import PrivilegedPolicy, WithTruth, truth_names
+from training.learner import agent_of, build_ppo, learning_env
+from training.learner_state import learner_state, put_back
 from training.progress import console
 from training.progress_callback import ProgressCallback
 from training.provenance import provenance
-from training.vector_ppo import VectorPPO
-from training.wrappers import Choosing, Guarded, Mirrored, RisingPrice, ScaledReward
+from training.run_folder import CURVE, Assignment, held
+
+Watch = Callable[[dict[str, float]], None]
+"""Sees each row of a learning curve."""
 
 
 @dataclass
@@ -57,15 +56,29 @@ def train(arguments: Train) -> Run:
     Raises:
         ScenarioError: an unknown scenario or field, or an impossible value.
         HyperparameterError: unusable hyperparameters.
-        InputError: a negative seed.
+        InputError: a negative seed, or a run that cannot be gone on with.
         FileExistsError: the run folder already holds a run.
     """
+    if arguments.checkpoint < 0:
+        raise InputError(f"checkpoint = {arguments.checkpoint} is not possible: must be at least 0")
+    if arguments.resume is not None:
+        return resume(_alone(arguments), arguments.checkpoint)
     scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
     parameters = _parameters(arguments, scenario)
     check_seed(arguments.seed)
     check_training(scenario, parameters)
     folder = new_folder(arguments.out, f"{scenario.name}-{arguments.seed}")
-    return run(scenario, parameters, folder, arguments.seed)
+    return run(scenario, parameters, folder, arguments.seed, checkpoint=arguments.checkpoint)
+
+
+def _alone(arguments: Train) -> Path:
+    """The folder of a run to go on with; InputError when something is asked for that the run knows itself."""
+    assert arguments.resume is not None
+    asked = Train(resume=arguments.resume, checkpoint=arguments.checkpoint, output=arguments.output)
+    for field in dataclasses.fields(Train):
+        if getattr(arguments, field.name) != getattr(asked, field.name):
+            raise InputError(f"{field.name} is not possible with resume: {arguments.resume} knows its own")
+    return arguments.resume
 
 
 def train_and_say(arguments: Train) -> Run:
@@ -94,7 +107,8 @@ def run(
     folder: Path,
     seed: int,
     quiet: bool = False,
-    watch: Callable[[dict[str, float]], None] = lambda row: None,
+    watch: Watch = lambda row: None,
+    checkpoint: int = 0,
 ) -> Run:
     """Train one agent into an existing, empty folder, on the scenario with the hyperparameters' overrides applied.
 
@@ -107,104 +121,81 @@ def run(
         seed: of everything random.
         quiet: no progress bar.
         watch: called with each row of the learning curve; what it raises ends the training.
+        checkpoint: decisions between checkpoints; 0 for none.
+
+    Raises:
+        InputError: another process writes into the folder.
     """
+    assignment = Assignment(scenario.override(parameters.overrides), parameters, seed, provenance(sys.argv))
+    with held(folder):
+        assignment.save(folder)
+        return _learn(assignment, folder, None, checkpoint, quiet, watch)
+
+
+def resume(folder: Path, checkpoint: int) -> Run:
+    """Go on with a run that was cut short: it ends as if it had not been, to the last bit.
+
+    Args:
+        folder: of the run.
+        checkpoint: decisions between further checkpoints; 0 for none.
+
+    Raises:
+        InputError: no run, one that is finished, another process that writes into the folder.
+        CheckpointError: the checkpoints are damaged.
+    """
+    assignment = Assignment.load(folder)
+    with held(folder):
+        if not has_checkpoint(folder):
+            if (folder / CARD).exists():
+                raise InputError(f"{folder} is finished: there is nothing to go on with")
+            return _learn(assignment, folder, None, checkpoint)
+        saved, damaged = find_checkpoint(folder)
+        for remark in damaged:
+            print(f"passloc: {remark}; going on from the one before", file=sys.stderr)
+        return _learn(assignment, folder, saved, checkpoint)
+
+
+def _learn(
+    assignment: Assignment,
+    folder: Path,
+    saved: Checkpoint | None,
+    checkpoint: int,
+    quiet: bool = False,
+    watch: Watch = lambda row: None,
+) -> Run:
+    """Learn from the beginning, or from a checkpoint on."""
     torch.set_num_threads(1)
-    trained = scenario.override(parameters.overrides)
-    _write_configuration(folder, trained, parameters, seed)
-    env = learning_env(scenario, parameters, seed)
-    model = build_ppo(env, parameters, seed)
+    scenario, parameters = assignment.scenario, assignment.parameters
+    env = learning_env(scenario, parameters, assignment.seed)
+    model = build_ppo(env, parameters, assignment.seed)
     model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
-    curve = CurveCallback(folder / "curve.csv", watch)
+    curve = CurveCallback(folder / CURVE, watch)
+    if saved is not None:
+        curve = CurveCallback(folder / CURVE, watch, saved.tree["curve"], saved.tree["seconds"])
+        put_back(saved.tree["learner"], model, env)
     progress = ProgressCallback(scenario.name, parameters.decisions, shown=not quiet)
-    begun = time.perf_counter()
+    keeper = CheckpointCallback(
+        folder,
+        checkpoint,
+        lambda: {"learner": learner_state(model, env), "curve": curve.rows, "seconds": curve.seconds},
+    )
     interrupted: KeyboardInterrupt | None = None
     try:
-        model.learn(parameters.decisions, callback=CallbackList([curve, progress]))
+        ahead = parameters.decisions - model.num_timesteps
+        model.learn(ahead, callback=CallbackList([curve, progress, keeper]), reset_num_timesteps=saved is None)
     except KeyboardInterrupt as error:
         # What has been learnt so far is an agent all the same, and its card says how many decisions it has seen.
         interrupted = error
     finally:
         progress.stop()
         env.close()
-    seconds = time.perf_counter() - begun
-    agent = _agent(model, trained, parameters, seed, seconds)
+    agent = agent_of(model, assignment, curve.seconds)
     agent.save(folder)
     note(folder)
     if interrupted is not None:
         raise interrupted
-    return Run(folder, agent, seconds, curve.rows)
-
-
-def learning_env(scenario: Scenario, parameters: Hyperparameters, seed: int) -> VecEnv:
-    """The environments as the learner meets them: shield, price, mirror, choices, scaled rewards."""
-    families = families_of(scenario, parameters)
-    counts = shares(parameters.environments, len(families))
-    worlds = [_world(family, parameters, count) for family, count in zip(families, counts, strict=True)]
-    env = worlds[0] if len(worlds) == 1 else Together(worlds)
-    env.seed(seed)
-    if parameters.violation_price:
-        env = RisingPrice(env, parameters.violation_price, parameters.decisions)
-    if parameters.mirror:
-        further = truth_names(families[0]) if parameters.privileged_critic else ()
-        env = Mirrored(env, MirrorSymmetry(families[0], further))
-    if parameters.choices:
-        env = Choosing(env, parameters.choices)
-    return ScaledReward(env, parameters.reward_scale)
-
-
-def _world(family: Scenario, parameters: Hyperparameters, environments: int) -> VecEnv:
-    """Environments of one family, behind the shield, its truth told."""
-    world: VecEnv = make_vec_env(family, environments, bootstrap_time_limit=False)
-    if parameters.shielded_training:
-        world = Guarded(world, Shield(parameters.shield_sigmas))
-    return WithTruth(world) if parameters.privileged_critic else world
-
-
-def build_ppo(env: VecEnv, parameters: Hyperparameters, seed: int) -> VectorPPO:
-    """PPO with separate actor and critic, tanh layers and a linearly falling learning rate."""
-    policy: dict[str, Any] = {
-        "net_arch": list(parameters.network),
-        "log_std_init": parameters.initial_log_sigma,
-    }
-    if parameters.privileged_critic:
-        policy["seen"] = cast(VecEnvWrapper, env).getattr_recursive("seen")
-    return VectorPPO(
-        PrivilegedPolicy if parameters.privileged_critic else "MlpPolicy",
-        env,
-        learning_rate=lambda remaining: parameters.learning_rate * max(remaining, 0.0),
-        **parameters.ppo_keywords,
-        policy_kwargs=policy,
-        seed=seed,
-        device="cpu",
-    )
-
-
-def _agent(model: VectorPPO, scenario: Scenario, parameters: Hyperparameters, seed: int, seconds: float) -> AgentFile:
-    """The trained actor with its card."""
-    policy = model.policy
-    modules = [*policy.mlp_extractor.policy_net, policy.action_net]
-    layers = [module for module in modules if isinstance(module, torch.nn.Linear)]
-    weights: dict[str, np.ndarray] = {}
-    for index, layer in enumerate(layers):
-        weights[f"actor.{index}.weight"] = layer.weight.detach().numpy().copy()
-        weights[f"actor.{index}.bias"] = layer.bias.detach().numpy().copy()
-    card = {
-        "architecture": {"actor": [layers[0].in_features, *(int(layer.out_features) for layer in layers)]},
-        "observation": list(observation_names(scenario)),
-        "scenario": scenario.to_dict(),
-        "choices": parameters.choices,
-        "mirror": parameters.mirror,
-        "shield_sigmas": parameters.shield_sigmas,
-        "training": {
-            "algorithm": "PPO",
-            "seed": seed,
-            "decisions": model.num_timesteps,
-            "seconds": round(seconds, 1),
-            "hyperparameters": dataclasses.asdict(parameters),
-            **provenance(sys.argv),
-        },
-    }
-    return AgentFile(weights, json.loads(json.dumps(card)))
+    forget_checkpoints(folder)
+    return Run(folder, agent, curve.seconds, curve.rows)
 
 
 def _parameters(arguments: Train, scenario: Scenario) -> Hyperparameters:
@@ -215,16 +206,6 @@ def _parameters(arguments: Train, scenario: Scenario) -> Hyperparameters:
     if arguments.decisions is not None:
         parameters = dataclasses.replace(parameters, decisions=arguments.decisions)
     return parameters
-
-
-def _write_configuration(folder: Path, scenario: Scenario, parameters: Hyperparameters, seed: int) -> None:
-    configuration = {
-        "scenario": scenario.to_dict(),
-        "hyperparameters": dataclasses.asdict(parameters),
-        "seed": seed,
-        "provenance": provenance(sys.argv),
-    }
-    write_whole(folder / "config.json", json_text(configuration))
 
 
 def main() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, cast
 
 import numpy as np
@@ -55,6 +56,14 @@ class RisingPrice(VecEnvWrapper):
         """Begin new episodes; the price stays."""
         return self.venv.reset()
 
+    def get_state(self) -> dict[str, Any]:
+        """How far the price has risen."""
+        return {"flown": self._flown}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Put it back."""
+        self._flown = int(state["flown"])
+
     def step_wait(self) -> Stepped:
         """The step, violations paid for; episode returns in the infos stay as they are."""
         observation, reward, done, infos = self.venv.step_wait()
@@ -96,6 +105,14 @@ class Mirrored(VecEnvWrapper):
     def reset(self) -> Any:
         """Begin new episodes."""
         return self._mirrored(cast(np.ndarray, self.venv.reset()))
+
+    def get_state(self) -> dict[str, Any]:
+        """The side that each environment was shown from."""
+        return {"sides": self._sides.copy()}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Put it back."""
+        self._sides = state["sides"].copy()
 
     def step_async(self, actions: np.ndarray) -> None:
         """The actions, mirrored back."""

@@ -17,6 +17,7 @@ class Train:
     Examples:
         passloc train BearingsOnly
         passloc train BearingsOnly --decisions 500000 --seed 3 --out runs/quick
+        passloc train --resume runs/cut-short
         passloc train BearingsOnly --override sensors.0.sigma=0.01 episode.decision_every=8
     """
 
@@ -29,6 +30,10 @@ class Train:
     """Decisions to train for; by default as the hyperparameters say."""
     hyperparameters: File = None
     """YAML file of hyperparameters; by default the one shipped for the scenario or for its kind."""
+    checkpoint: int = 100_000
+    """Decisions between checkpoints; 0 for none."""
+    resume: Folder = None
+    """Run folder of a training that was cut short, to be gone on with; it knows everything else."""
     override: Overrides = ()
     output: Answer = Output()
 

@@ -136,14 +136,20 @@ class Hyperparameters:
             raise HyperparameterError(f"cannot read {path}: {error.strerror}") from None
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise HyperparameterError(f"{path} is not readable YAML: {' '.join(str(error).split())}") from None
+        try:
+            return cls.from_dict(data)
+        except HyperparameterError as error:
+            raise HyperparameterError(f"{path}: {error}") from None
+
+    @classmethod
+    def from_dict(cls, data: Any) -> Hyperparameters:
+        """From plain data; HyperparameterError when it names what does not exist, or says something impossible."""
         known = [item.name for item in dataclasses.fields(cls)]
         if not isinstance(data, dict) or not set(data) <= set(known):
             unknown = sorted(map(str, set(data) - set(known))) if isinstance(data, dict) else data
-            raise HyperparameterError(f"{path}: unknown hyperparameters {unknown}; known: {', '.join(known)}")
-        for name in ("network", "families"):
-            if isinstance(data.get(name), list):
-                data[name] = tuple(data[name])
-        return cls(**data)
+            raise HyperparameterError(f"unknown hyperparameters {unknown}; known: {', '.join(known)}")
+        lists = {name: tuple(data[name]) for name in ("network", "families") if isinstance(data.get(name), list)}
+        return cls(**data | lists)
 
     @classmethod
     def for_scenario(cls, name: str) -> Hyperparameters:

@@ -1,0 +1,84 @@
+"""The folder of a training run: what it was asked for, and that nobody else writes into it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import filelock
+
+from passloc_env.errors import InputError
+from passloc_env.scenario import Scenario
+from training.files import json_text, write_whole
+from training.hyperparameters import Hyperparameters
+
+CONFIGURATION, CURVE, LOCK = "config.json", "curve.csv", ".lock"
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """What a run is to do.
+
+    Attributes:
+        scenario: the problem, with the overrides of the hyperparameters.
+        parameters: how to train.
+        seed: of everything random.
+        origin: command, versions and machine of its beginning.
+    """
+
+    scenario: Scenario
+    parameters: Hyperparameters
+    seed: int
+    origin: dict[str, Any]
+
+    def save(self, folder: Path) -> None:
+        """Write it into a run folder."""
+        data = {
+            "scenario": self.scenario.to_dict(),
+            "hyperparameters": dataclasses.asdict(self.parameters),
+            "seed": self.seed,
+            "provenance": self.origin,
+        }
+        write_whole(folder / CONFIGURATION, json_text(data))
+
+    @classmethod
+    def load(cls, folder: Path) -> Assignment:
+        """Read it from a run folder.
+
+        Raises:
+            InputError: there is none, or it cannot be read.
+        """
+        path = folder / CONFIGURATION
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+            parameters = Hyperparameters.from_dict(data["hyperparameters"])
+            return cls(Scenario.from_dict(data["scenario"]), parameters, int(data["seed"]), dict(data["provenance"]))
+        except OSError:
+            raise InputError(f"{folder} is not the folder of a training: it holds no {CONFIGURATION}") from None
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
+            raise InputError(f"{path} is not the configuration of a training: {error}") from None
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Nobody else writes into the folder while this lasts; a process that dies lets go of it.
+
+    Raises:
+        InputError: somebody else does.
+    """
+    lock = filelock.FileLock(folder / LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except filelock.Timeout:
+        raise InputError(f"{folder} is being written by another process: wait for it, or name another folder") from None
+    try:
+        yield
+    finally:
+        lock.release()
