@@ -23,7 +23,8 @@ from agents.symmetry import MirrorSymmetry
 from passloc_env.models import observation_names
 from passloc_env.sb3 import make_vec_env
 from passloc_env.scenario import Scenario
-from training.arguments import check_seed, new_folder, parse_overrides, read_scenario
+from passloc_env.scenarios import find
+from training.arguments import check_seed, file_stem, new_folder, parse_overrides
 from training.commands import Train
 from training.curve import CurveCallback
 from training.families import Together, families_of, shares
@@ -60,11 +61,11 @@ def train(arguments: Train) -> Run:
         InputError: a negative seed.
         FileExistsError: the run folder already holds a run.
     """
-    scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
+    scenario = find(arguments.scenario).override(parse_overrides(arguments.override))
     parameters = _parameters(arguments, scenario)
     check_seed(arguments.seed)
     check_training(scenario, parameters)
-    folder = new_folder(arguments.out, f"{scenario.name}-{arguments.seed}")
+    folder = new_folder(arguments.out, file_stem(scenario.name, arguments.seed))
     return run(scenario, parameters, folder, arguments.seed)
 
 
@@ -129,7 +130,7 @@ def run(
     seconds = time.perf_counter() - begun
     agent = _agent(model, trained, parameters, seed, seconds)
     agent.save(folder)
-    note(folder)
+    note(folder, f"the agent after {model.num_timesteps:,} decisions")
     if interrupted is not None:
         raise interrupted
     return Run(folder, agent, seconds, curve.rows)
