@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.machinery
-import importlib.util
 import sys
 from collections.abc import Sequence
 from importlib.abc import Loader, MetaPathFinder
@@ -42,25 +41,26 @@ def register_with_gymnasium() -> None:
 
 
 class _Awaiting(MetaPathFinder):
-    """Waits for the import of Gymnasium, and leaves."""
+    """Stands before the other finders until Gymnasium has been imported; who only looks for it finds what they find."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
         if fullname != _GYMNASIUM:
             return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(fullname)
+        others = [finder for finder in sys.meta_path if finder is not self]
+        found = (finder.find_spec(fullname, path, target) for finder in others)
+        spec = next(filter(None, found), None)
         if spec is not None and spec.loader is not None:
-            spec.loader = _ThenRegister(spec.loader)
+            spec.loader = _ThenRegister(spec.loader, self)
         return spec
 
 
 class _ThenRegister(Loader):
-    """Loads Gymnasium as its own loader does; then come our ids."""
+    """Loads Gymnasium as its own loader does; then come our ids, and nobody waits any more."""
 
-    def __init__(self, loader: Loader) -> None:
-        self._loader = loader
+    def __init__(self, loader: Loader, awaiting: _Awaiting) -> None:
+        self._loader, self._awaiting = loader, awaiting
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType | None:
         return self._loader.create_module(spec)
@@ -70,4 +70,6 @@ class _ThenRegister(Loader):
         if module.__spec__ is not None:
             module.__spec__.loader = self._loader
         self._loader.exec_module(module)
+        if self._awaiting in sys.meta_path:
+            sys.meta_path.remove(self._awaiting)
         register()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,9 @@ class Unmet(Exception):
         self.answer = answer
 
 
-def prepare(output: Output) -> None:
-    """Look whether the answer can be given as asked, before anything takes long; keep quiet if asked to.
+@contextmanager
+def prepared(output: Output) -> Iterator[None]:
+    """Look whether the answer can be given as asked, before anything takes long; keep quiet meanwhile if asked to.
 
     Raises:
         OSError: a place that cannot be written into.
@@ -38,6 +40,10 @@ def prepare(output: Output) -> None:
     from training.progress import console
 
     console.quiet = output.quiet or output.json == _STANDARD_OUTPUT
+    try:
+        yield
+    finally:
+        console.quiet = False
 
 
 def give(output: Output, answer: Any) -> None:

@@ -1,7 +1,8 @@
-"""Reading what users type: scenarios and overrides, and the places where they want results."""
+"""Reading what users type: overrides, and the places where they want results."""
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,27 +11,8 @@ from typing import Any
 import yaml
 
 from passloc_env.errors import InputError, ScenarioError
-from passloc_env.scenario import Scenario
-from passloc_env.scenarios import find
 
 _PICTURES = (".png", ".svg", ".pdf", ".jpg")
-_FILES = (".yaml", ".yml", ".json")
-
-
-def read_scenario(text: str) -> Scenario:
-    """A scenario from its name, Gymnasium id, or file.
-
-    Raises:
-        ScenarioError: no such scenario or unreadable file, with the closest name.
-    """
-    if not text.endswith(_FILES):
-        return find(text)
-    try:
-        return Scenario.from_file(text)
-    except OSError as error:
-        raise ScenarioError("scenario", text, f"cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ScenarioError("scenario", text, "is not a text file") from None
 
 
 def parse_overrides(settings: Sequence[str]) -> dict[str, Any]:
@@ -141,3 +123,8 @@ def kept_folder(wanted: Path) -> Path:
     except (FileExistsError, NotADirectoryError):
         raise FileExistsError(f"{wanted} is not a folder: name another one with --out") from None
     return wanted
+
+
+def file_stem(*words: object) -> str:
+    """Words as the stem of a file's name, with - for whatever some system does not allow there."""
+    return re.sub(r"[^\w.=+-]+", "-", "-".join(map(str, words)), flags=re.ASCII).strip("-.")

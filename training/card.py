@@ -41,9 +41,11 @@ def card(arguments: Card) -> Path:
     if arguments.name and not _NAME.fullmatch(arguments.name):
         raise InputError(f"name = {arguments.name!r} is not possible: letters, digits, - and _ alone")
     agent = AgentFile.load(arguments.run)
-    names = arguments.scenarios.split(",") if arguments.scenarios else [agent.scenario.name]
+    wanted = (
+        [find(name.strip()) for name in arguments.scenarios.split(",")] if arguments.scenarios else [agent.scenario]
+    )
     changes = parse_overrides(arguments.override)
-    scenarios = [find(name.strip()).override(changes) for name in names]
+    scenarios = [scenario.override(changes) for scenario in wanted]
     policies = [LearnedPolicy.load(arguments.run, scenario) for scenario in scenarios]
     agent.card["scores"] = [
         {"overrides": changes, **scores(policy, scenario, arguments.episodes, arguments.seed)}

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from passloc_env.errors import InputError, RenderError
-from training.commands import COMMANDS
+from training.commands import COMMANDS, Asked
 from training.parsing import PROGRAM, parse
 
 _UNMET, _REFUSED, _INTERRUPTED = 1, 2, 130
@@ -31,6 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{PROGRAM} {passloc_env.__version__}")
         return 0
     try:
+        if words[:1] and words[0].startswith("-"):
+            raise InputError(f"options follow a command: {PROGRAM} COMMAND {words[0]}")
         if not words:
             raise InputError(f"name a command: {', '.join(COMMANDS)}; {PROGRAM} --help says what they do")
         return _answer(words[0], parse(words[0], words[1:]))
@@ -40,19 +42,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _say(str(error), _REFUSED)
 
 
-def _answer(name: str, arguments: object) -> int:
+def _answer(name: str, arguments: Asked) -> int:
     """Let a command answer, and write its answer where that was asked for."""
-    from training.answer import Unmet, give, prepare
+    from training.answer import Unmet, give, prepared
+    from training.files import forget
 
-    output = arguments.output  # type: ignore[attr-defined]
+    output = arguments.output
     module, _, function = COMMANDS[name].answered_by.partition(":")
-    prepare(output)
-    answers = getattr(importlib.import_module(module), function)
-    try:
-        give(output, answers(arguments))
-    except Unmet as unmet:
-        give(output, unmet.answer)
-        return _say(str(unmet), _UNMET)
+    forget()
+    with prepared(output):
+        answers = getattr(importlib.import_module(module), function)
+        try:
+            give(output, answers(arguments))
+        except Unmet as unmet:
+            give(output, unmet.answer)
+            return _say(str(unmet), _UNMET)
     return 0
 
 

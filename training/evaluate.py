@@ -102,20 +102,25 @@ def read_evaluation(path: Path) -> Evaluation:
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
         low, high = data["anees_band"]
-        return Evaluation(
+        evaluation = Evaluation(
             Scenario.from_dict(data["scenario"]),
             int(data["episodes"]),
             int(data["seed"]),
             str(data["reference"]),
             [_verdict(entry) for entry in data["policies"]],
             (float(low), float(high)),
-            asked=tuple(data.get("asked", ())),
+            asked=tuple(map(str, data.get("asked", ()))),
             origin=dict(data["provenance"]),
         )
+        at_least_one(episodes=evaluation.episodes)
+        check_seed(evaluation.seed)
+        if evaluation.reference not in {verdict.policy for verdict in evaluation.verdicts}:
+            raise ValueError(f"its reference {evaluation.reference!r} is none of its policies")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(f"{path} is not a whole evaluation: {type(error).__name__}: {error}") from None
+    return evaluation
 
 
 def _verdict(entry: dict[str, Any]) -> Verdict:
@@ -128,6 +133,7 @@ def _verdict(entry: dict[str, Any]) -> Verdict:
     }
     for name in ("efficiency", "anees", "milliseconds_per_decision"):
         values[name] = _number(values[name])
+    values["policy"] = str(entry["policy"])
     return Verdict(**values)
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 _SHOWN = 5
-_saved: list[Path] = []
+_saved: dict[Path, str] = {}
 
 
 def json_text(data: Any) -> str:
@@ -18,24 +21,52 @@ def json_text(data: Any) -> str:
 
 def write_whole(path: Path, content: str | bytes) -> None:
     """Write a file that appears whole or not at all; text as UTF-8."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(content.encode() if isinstance(content, str) else content)
-    partial.replace(path)
-    note(path)
+    with appearing(path) as partial:
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
-def note(path: Path) -> None:
-    """Remember that a file, or a folder of them, is whole: who interrupts a command is told."""
-    if path not in _saved:
-        _saved.append(path)
+@contextmanager
+def appearing(path: Path) -> Iterator[Path]:
+    """Where to write a file that is to be at ``path`` when, and only if, all has gone well.
+
+    A link stays one, and what is no file, such as a pipe, is written into directly.
+    """
+    target = path.resolve()
+    if target.exists() and not target.is_file():
+        yield target
+        note(path)
+        return
+    partial = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    try:
+        yield partial
+        partial.replace(target)
+        note(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def note(path: Path, what: str = "") -> None:
+    """Remember that a file, or a folder of them, is whole: who interrupts a command is told.
+
+    Args:
+        path: where it is.
+        what: what it is, in a few words; nothing where its name says it.
+    """
+    _saved[path] = what
+
+
+def forget() -> None:
+    """Begin to remember anew."""
+    _saved.clear()
 
 
 def saved() -> list[str]:
-    """What this process has saved; of many files the folders."""
-    if len(_saved) <= _SHOWN:
-        return [str(path) for path in _saved]
-    folders = dict.fromkeys(str(path.parent) for path in _saved)
-    return [f"{sum(str(path.parent) == folder for path in _saved)} files in {folder}" for folder in folders]
+    """What has been saved since the last :func:`forget`; of many files the folders."""
+    apart = {path: what for path, what in _saved.items() if not set(path.parents) & set(_saved)}
+    if len(apart) <= _SHOWN:
+        return [f"{what} in {path}" if what else str(path) for path, what in apart.items()]
+    folders = dict.fromkeys(str(path.parent) for path in apart)
+    return [f"{sum(str(path.parent) == folder for path in apart)} files in {folder}" for folder in folders]
 
 
 def _finite(data: Any) -> Any:

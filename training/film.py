@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
-from training.files import note
+from training.files import appearing
 
 _COLOURS = 64
 """Of a GIF's palette: what is drawn has ten, and the shades between them."""
@@ -24,31 +24,17 @@ def write_gif(path: Path, frames: Iterable[np.ndarray], per_second: float) -> No
     pictures = [Image.fromarray(frame) for frame in frames]
     palette = pictures[-1].quantize(_COLOURS, dither=Image.Dither.NONE)
     first, *others = (picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)
-    part = path.with_name(f".{path.name}.part")
-    try:
+    with appearing(path) as part:
         first.save(part, "GIF", save_all=True, append_images=others, duration=round(1e3 / per_second), loop=0)
-        os.replace(part, path)
-        note(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def write_mp4(path: Path, frames: Iterable[np.ndarray], per_second: float) -> None:
     """Write frames ``(height, width, 3)`` of even sizes; a file appears when it is whole."""
-    part = path.with_name(f".{path.stem}.part.mp4")
-    writer = None
-    try:
-        for frame in frames:
-            if writer is None:
-                height, width = frame.shape[:2]
-                writer = imageio_ffmpeg.write_frames(str(part), (width, height), fps=per_second, macro_block_size=2)
-                writer.send(None)
-            writer.send(np.ascontiguousarray(frame))
-        if writer is not None:
-            writer.close()
-            os.replace(part, path)
-            note(path)
-    finally:
-        if writer is not None:
-            writer.close()
-        part.unlink(missing_ok=True)
+    first, *others = frames
+    height, width = first.shape[:2]
+    with appearing(path) as part:
+        writer = imageio_ffmpeg.write_frames(str(part), (width, height), fps=per_second, macro_block_size=2)
+        with contextlib.closing(writer):
+            writer.send(None)
+            for frame in (first, *others):
+                writer.send(np.ascontiguousarray(frame))

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from agents import Policy, default_policies, find_policy
 from passloc_env.scenario import Scenario
-from training.arguments import parse_overrides, read_scenario
+from passloc_env.scenarios import find
+from training.arguments import parse_overrides
 from training.commands import EVALUATION_SEED, Evaluate
 from training.evaluate import Evaluation, evaluate
 from training.progress import console, progress_bar
@@ -19,7 +20,7 @@ def judge_policies(arguments: Evaluate) -> Evaluation:
     Raises:
         InputError: an unknown scenario or policy, or impossible numbers.
     """
-    scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
+    scenario = find(arguments.scenario).override(parse_overrides(arguments.override))
     names = arguments.policies.split(",") if arguments.policies else default_policies(scenario)
     asked = tuple(name.strip() for name in names)
     evaluation = judge(scenario, [find_policy(name, scenario) for name in asked], arguments.episodes, arguments.seed)

@@ -87,8 +87,8 @@ def _env_state(env: VecEnv) -> dict[str, Any]:
     if isinstance(env, Together):
         return {"worlds": [_env_state(world) for world in env.worlds]}
     # A wrapper passes on what it is asked for and does not have: only its class says what is its own.
-    own: Any = env
-    state = {"own": own.get_state()} if hasattr(type(env), "get_state") else {}
+    stateful: Any = env
+    state = {"own": stateful.get_state()} if hasattr(type(env), "get_state") else {}
     return state | {"inner": _env_state(env.venv)} if isinstance(env, VecEnvWrapper) else state
 
 
@@ -97,8 +97,8 @@ def _set_env_state(env: VecEnv, state: Mapping[str, Any]) -> None:
         for world, own in zip(env.worlds, state["worlds"], strict=True):
             _set_env_state(world, own)
         return
-    own: Any = env
+    stateful: Any = env
     if hasattr(type(env), "set_state"):
-        own.set_state(state["own"])
+        stateful.set_state(state["own"])
     if isinstance(env, VecEnvWrapper):
         _set_env_state(env.venv, state["inner"])

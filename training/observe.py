@@ -13,8 +13,9 @@ from agents import find_policy
 from passloc_env.layout import StateLayout
 from passloc_env.linalg import diagonal
 from passloc_env.nuisance import Nuisance, units_of
+from passloc_env.scenarios import find
 from passloc_env.survey import Survey
-from training.arguments import check_seed, free_path, parse_overrides, picture_path, read_scenario
+from training.arguments import check_seed, file_stem, free_path, parse_overrides, picture_path
 from training.commands import Observe
 from training.observability_pictures import draw_survey
 from training.progress import console
@@ -31,7 +32,7 @@ _BLIND = 1e12
 
 def observe(arguments: Observe) -> dict[str, Any]:
     """Fly one episode, say what it lets one know, and draw it; what was said, as plain data."""
-    scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
+    scenario = find(arguments.scenario).override(parse_overrides(arguments.override))
     check_seed(arguments.seed)
     policy = find_policy(arguments.policy, scenario)
     picture = _picture(arguments.out, f"{scenario.name}-{policy.name}-{arguments.seed}")
@@ -47,7 +48,7 @@ def observe(arguments: Observe) -> dict[str, Any]:
 def _picture(wanted: Path | None, name: str) -> Path:
     if wanted is not None:
         return picture_path(wanted)
-    return free_path(Path("runs") / "observe" / f"{name.replace(' ', '-').replace('°', '')}.png")
+    return free_path(Path("runs") / "observe" / f"{file_stem(name)}.png")
 
 
 def _report(survey: Survey, title: str) -> Table:

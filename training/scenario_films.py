@@ -13,7 +13,7 @@ from passloc_env.scenarios import SCENARIOS
 from training.commands import EVALUATION_SEED
 from training.film import write_gif
 from training.progress import progress_bar
-from training.replay import fly, side_by_side
+from training.replay import record, side_by_side
 from training.scenario_pages import film_name, pilot
 
 FRAMES = 30
@@ -39,6 +39,6 @@ def write_films(folder: Path) -> list[Path]:
 
 def write_film(path: Path, scenario: Scenario, policies: Sequence[Policy], seed: int = EVALUATION_SEED) -> None:
     """Write one episode as a GIF of a few pictures, several policies side by side."""
-    frames = list(side_by_side([fly(scenario, policy, seed) for policy in policies]))
+    frames = list(side_by_side([record(scenario, policy, seed) for policy in policies]))
     shown = np.unique(np.linspace(0, len(frames) - 1, FRAMES).round().astype(int))
     write_gif(path, [frames[index] for index in (*shown, *shown[-1:].repeat(_HELD))], _PER_SECOND)

@@ -7,8 +7,9 @@ from typing import Any
 from rich.console import Console
 from rich.padding import Padding
 
-from agents import PLANNER_NAMES, rules_for
+from agents import PLANNER_NAMES, rules_for, shipped_agents
 from passloc_env.scenarios import SCENARIOS, environment_id
+from training.arguments import writable_folder
 from training.commands import List
 from training.progress import console
 from training.scenario_words import sensor_names, summary
@@ -19,13 +20,14 @@ _INDENT = (0, 0, 0, 4)
 
 def list_scenarios(arguments: List) -> dict[str, Any]:
     """Print the scenarios, and write their pages where that is asked for; what was printed, as plain data."""
-    print_scenarios(console)
     if arguments.pages is not None:
         from training.scenario_films import write_films
         from training.scenario_pages import write_pages
 
-        write_pages(arguments.pages)
-        write_films(arguments.pages)
+        folder = writable_folder(arguments.pages)
+        write_pages(folder)
+        write_films(folder)
+    print_scenarios(console)
     return {
         environment_id(name): {
             "duration": scenario.episode.duration,
@@ -64,3 +66,6 @@ def print_scenarios(console: Console) -> None:
         console.print(f"rules for {', '.join(names)}:", highlight=False, soft_wrap=True)
         console.print(Padding(", ".join(rules), _INDENT), highlight=False)
     console.print(f"planners: {', '.join(PLANNER_NAMES)}", highlight=False)
+    agents = ", ".join(f"agent:{name}" for name in shipped_agents())
+    console.print(f"shipped agents: {agents}", highlight=False)
+    console.print(Padding("learned stands for the one made for the scenario", _INDENT), highlight=False)

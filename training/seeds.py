@@ -13,7 +13,8 @@ from agents import find_policy
 from agents.agent_file import AgentFile
 from passloc_env.errors import InputError
 from passloc_env.scenario import Scenario
-from training.arguments import at_least_one, check_seed, read_scenario
+from passloc_env.scenarios import find
+from training.arguments import at_least_one, check_seed
 from training.candidate import Candidate, train_missing
 from training.card import reference_of
 from training.commands import Seeds
@@ -39,7 +40,7 @@ def seeds(arguments: Seeds) -> Path:
             settings.
         FileExistsError: the folder is a file.
     """
-    scenario = read_scenario(arguments.scenario)
+    scenario = find(arguments.scenario)
     at_least_one(episodes=arguments.episodes)
     candidates = _candidates(scenario, arguments)
     train_missing(candidates, arguments.out)

@@ -12,7 +12,8 @@ import yaml
 from passloc_env.component import Component, Spec, specs
 from passloc_env.fields import Part, Parts
 from passloc_env.scenario import Scenario
-from training.arguments import free_path, read_scenario
+from passloc_env.scenarios import find
+from training.arguments import free_path
 from training.commands import NewScenario
 from training.files import write_whole
 from training.progress import console
@@ -34,7 +35,7 @@ def new_scenario(arguments: NewScenario) -> Path:
         OSError: a place that cannot be written into.
     """
     path = arguments.file
-    like = read_scenario(arguments.like)
+    like = find(arguments.like)
     if path.exists():
         raise FileExistsError(f"{path} is there already: name another file")
     scenario = like.override({"name": path.stem})

@@ -129,6 +129,11 @@ def markdown_table(evaluation: Evaluation) -> str:
 
 
 def ranked(evaluation: Evaluation) -> list[Verdict]:
-    """The verdicts, best score first."""
+    """The verdicts, best score first, those without one last."""
     score = score_of(evaluation.scenario)
-    return sorted(evaluation.verdicts, key=lambda verdict: score.of(verdict).value)
+
+    def order(verdict: Verdict) -> tuple[bool, float]:
+        value = score.of(verdict).value
+        return math.isnan(value), value
+
+    return sorted(evaluation.verdicts, key=order)

@@ -17,7 +17,8 @@ from agents.agent_file import CARD, AgentFile
 from agents.symmetry import MirrorSymmetry
 from passloc_env.errors import InputError
 from passloc_env.scenario import Scenario
-from training.arguments import check_seed, new_folder, parse_overrides, read_scenario
+from passloc_env.scenarios import find
+from training.arguments import check_seed, file_stem, new_folder, parse_overrides
 from training.checkpoint import Checkpoint, find_checkpoint, forget_checkpoints, has_checkpoint
 from training.checkpoint_callback import CheckpointCallback
 from training.commands import Train
@@ -63,11 +64,11 @@ def train(arguments: Train) -> Run:
         raise InputError(f"checkpoint = {arguments.checkpoint} is not possible: must be at least 0")
     if arguments.resume is not None:
         return resume(_alone(arguments), arguments.checkpoint)
-    scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
+    scenario = find(arguments.scenario).override(parse_overrides(arguments.override))
     parameters = _parameters(arguments, scenario)
     check_seed(arguments.seed)
     check_training(scenario, parameters)
-    folder = new_folder(arguments.out, f"{scenario.name}-{arguments.seed}")
+    folder = new_folder(arguments.out, file_stem(scenario.name, arguments.seed))
     return run(scenario, parameters, folder, arguments.seed, checkpoint=arguments.checkpoint)
 
 
@@ -75,9 +76,9 @@ def _alone(arguments: Train) -> Path:
     """The folder of a run to go on with; InputError when something is asked for that the run knows itself."""
     assert arguments.resume is not None
     asked = Train(resume=arguments.resume, checkpoint=arguments.checkpoint, output=arguments.output)
-    for field in dataclasses.fields(Train):
-        if getattr(arguments, field.name) != getattr(asked, field.name):
-            raise InputError(f"{field.name} is not possible with resume: {arguments.resume} knows its own")
+    for each in dataclasses.fields(Train):
+        if getattr(arguments, each.name) != getattr(asked, each.name):
+            raise InputError(f"{each.name} is not possible with resume: {arguments.resume} knows its own")
     return arguments.resume
 
 
@@ -174,11 +175,11 @@ def _learn(
         curve = CurveCallback(folder / CURVE, watch, saved.tree["curve"], saved.tree["seconds"])
         put_back(saved.tree["learner"], model, env)
     progress = ProgressCallback(scenario.name, parameters.decisions, shown=not quiet)
-    keeper = CheckpointCallback(
-        folder,
-        checkpoint,
-        lambda: {"learner": learner_state(model, env), "curve": curve.rows, "seconds": curve.seconds},
-    )
+
+    def state() -> dict[str, Any]:
+        return {"learner": learner_state(model, env), "curve": curve.rows, "seconds": curve.seconds}
+
+    keeper = CheckpointCallback(folder, checkpoint, state)
     interrupted: KeyboardInterrupt | None = None
     try:
         ahead = parameters.decisions - model.num_timesteps
@@ -191,7 +192,7 @@ def _learn(
         env.close()
     agent = agent_of(model, assignment, curve.seconds)
     agent.save(folder)
-    note(folder)
+    note(folder, f"the agent after {model.num_timesteps:,} decisions")
     if interrupted is not None:
         raise interrupted
     forget_checkpoints(folder)

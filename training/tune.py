@@ -15,7 +15,8 @@ from optuna.trial import TrialState
 
 from agents import LearnedPolicy
 from passloc_env.scenario import Scenario
-from training.arguments import at_least_one, check_seed, kept_folder, parse_overrides, read_scenario
+from passloc_env.scenarios import find
+from training.arguments import at_least_one, check_seed, kept_folder, parse_overrides
 from training.commands import Tune
 from training.episodes import fly
 from training.files import write_whole
@@ -45,7 +46,7 @@ def tune(arguments: Tune) -> Path:
             another search.
         FileExistsError: the folder is a file.
     """
-    scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
+    scenario = find(arguments.scenario).override(parse_overrides(arguments.override))
     check_seed(arguments.seed)
     at_least_one(trials=arguments.trials, decisions=arguments.decisions, episodes=arguments.episodes)
     base = dataclasses.replace(Hyperparameters.for_scenario(scenario.name), decisions=arguments.decisions)

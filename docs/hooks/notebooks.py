@@ -14,7 +14,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files, InclusionLevel
 
 _ENDING = ".ipynb"
-_LINK = re.compile(r"\]\(([^)]+)\.ipynb\)")
+_LINK = re.compile(r"\]\(([^)]+)\.ipynb\)(?!\{)")
+"""A link to a notebook; one with attributes is a download."""
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
 
@@ -39,6 +40,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         page = "\n\n".join([title, download, *others]) + "\n"
         files.append(File.generated(config, f"{stem}.md", content=page))
     return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Links to notebooks, which lead to them in the repository, lead to their pages here."""
+    return _LINK.sub(r"](\1.md)", markdown)
 
 
 def _text(cell: dict[str, Any]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from passloc_env.arrays import Array
 from passloc_env.rendering.canvas import Canvas, width_of
 from passloc_env.rendering.chart_panel import draw_chart
 from passloc_env.rendering.colours import BOUND, EMITTER, ESTIMATE, FAINT, INK, OBSERVER
@@ -18,15 +19,24 @@ _MAP = (12, 58, SIZE - 24, 372)
 _CHART = (62, 446, SIZE - 80, 102)
 
 
-def draw_frame(scenario: Scenario, instants: list[Instant], title: str | None = None) -> Canvas:
-    """Draw the episode of one environment, which has begun; the title is the scenario's name by default."""
+def draw_frame(
+    scenario: Scenario, instants: list[Instant], title: str | None = None, shown: Array | None = None
+) -> Canvas:
+    """Draw the episode of one environment, which has begun.
+
+    Args:
+        scenario: the problem.
+        instants: what has happened.
+        title: the scenario's name by default.
+        shown: points ``(k, 2)`` that the map is to show, m; by default it follows what happens.
+    """
     now, episode, canvas = instants[-1], scenario.episode, Canvas(SIZE, SIZE)
     canvas.words(scenario.name if title is None else title, (12, 16), size=17)
     clock = f"{now.time:.0f} of {episode.duration:.0f} s"
     quality = f"error {_percent(now.error)}, bound {_percent(now.bound)}"
     canvas.words(f"{clock} · {quality}", (SIZE - 12, 16), size=14, align="right")
     _legend(canvas, bool(now.bearings), bool(episode.min_range))
-    draw_map(canvas, instants, episode.min_range, _MAP)
+    draw_map(canvas, instants, episode.min_range, _MAP, shown)
     draw_chart(canvas, instants, episode.duration, _CHART)
     return canvas
 

@@ -18,14 +18,32 @@ _TURN = np.linspace(0.0, 2.0 * np.pi, 73)
 _CIRCLE = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
 
 
-def draw_map(canvas: Canvas, instants: list[Instant], min_range: float, box: tuple[int, int, int, int]) -> None:
-    """Draw an episode up to now into ``(left, top, width, height)``."""
+def extent(instants: list[Instant], min_range: float) -> Array:
+    """Points ``(k, 2)`` that a map must show so that nobody leaves it in all of these instants, m."""
+    emitters = np.array([instant.emitter for instant in instants])
+    observers = np.concatenate([instant.platforms for instant in instants])
+    return np.concatenate([observers, emitters - min_range, emitters + min_range])
+
+
+def draw_map(
+    canvas: Canvas,
+    instants: list[Instant],
+    min_range: float,
+    box: tuple[int, int, int, int],
+    shown: Array | None = None,
+) -> None:
+    """Draw an episode up to now into ``(left, top, width, height)``.
+
+    What is shown are the given points ``(k, 2)``, m, and what is beside them; by default all there is to see now.
+    """
     now = instants[-1]
     platforms = np.array([instant.platforms for instant in instants])
     emitter, estimate = (np.array([getattr(instant, name) for instant in instants]) for name in ("emitter", "estimate"))
     ring = now.emitter + min_range * _CIRCLE
     belief = ellipse(now)
-    view = Viewport.around(np.concatenate([platforms.reshape(-1, 2), emitter, ring, belief]), *box)
+    if shown is None:
+        shown = np.concatenate([platforms.reshape(-1, 2), emitter, ring, belief])
+    view = Viewport.around(shown, *box)
     canvas.within(*box)
     _grid(canvas, view)
     _bearings(canvas, view, instants[-_HEARD:])

@@ -50,11 +50,14 @@ def environment_id(name: str) -> str:
     return f"{NAMESPACE}/{name}-v{VERSION}"
 
 
+_FILES = (".yaml", ".yml", ".json")
+
+
 def find(scenario: str | Mapping[str, Any] | Scenario) -> Scenario:
-    """A scenario from its name or Gymnasium id, from plain data, or itself.
+    """A scenario from its name, its Gymnasium id, the path of its file (YAML or JSON), from plain data, or itself.
 
     Raises:
-        ScenarioError: unknown name (with the closest one) or impossible data.
+        ScenarioError: unknown name (with the closest one), unreadable file or impossible data.
     """
     if isinstance(scenario, Scenario):
         return scenario
@@ -62,7 +65,18 @@ def find(scenario: str | Mapping[str, Any] | Scenario) -> Scenario:
         return Scenario.from_dict(scenario)
     if not isinstance(scenario, str):
         raise ScenarioError("scenario", scenario, "must be a name, a mapping of fields, or a Scenario")
+    if scenario.endswith(_FILES):
+        return _read(scenario)
     name = scenario.removeprefix(f"{NAMESPACE}/").removesuffix(f"-v{VERSION}")
     if name not in SCENARIOS:
         raise unknown_name("scenario", scenario, SCENARIOS, "scenario")
     return SCENARIOS[name]
+
+
+def _read(path: str) -> Scenario:
+    try:
+        return Scenario.from_file(path)
+    except OSError as error:
+        raise ScenarioError("scenario", path, f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ScenarioError("scenario", path, "is not a text file") from None

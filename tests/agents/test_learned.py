@@ -20,7 +20,8 @@ import torch
 
 from passloc_env.sb3 import make_vec_env
 from training.hyperparameters import Hyperparameters
-from training.train import _agent, build_ppo
+from training.learner import agent_of, build_ppo
+from training.run_folder import Assignment
 
 SCENARIO = SCENARIOS["BearingsOnly"]
 PARAMETERS = Hyperparameters(decisions=8, environments=2, rollout=4, batch_size=4, network=(16, 8))
@@ -33,7 +34,7 @@ def untrained(scenario=SCENARIO, seed=0):
     with torch.no_grad():
         model.policy.action_net.weight.mul_(100.0)
         model.policy.action_net.bias.add_(0.1)
-    return model, _agent(model, scenario, PARAMETERS, seed, 1.5)
+    return model, agent_of(model, Assignment(scenario, PARAMETERS, seed, {}), 1.5)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 Said = tuple[int, str, str]
 
@@ -19,10 +18,10 @@ def logs_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def passloc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
     """Runs a command in this process and a folder of its own: its status, standard output and standard error."""
     from training import cli
+    from training.progress import console
 
     monkeypatch.chdir(tmp_path)
-    for module in ("progress", "observe", "reproduce"):
-        monkeypatch.setattr(f"training.{module}.console", Console(width=200))
+    monkeypatch.setattr(console, "width", 200)
 
     def passloc(*words: str) -> Said:
         try:

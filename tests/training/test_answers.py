@@ -17,6 +17,7 @@ from agents import AgentFile
 from passloc_env import SCENARIOS
 from passloc_env.scenarios import environment_id
 from training import cli, files
+from training.arguments import file_stem
 from training.commands import COMMANDS, GROUPS
 from training.completion import completion_script
 from training.curve import COLUMNS, read_curve
@@ -31,8 +32,6 @@ EVALUATE = ("evaluate", "--policies", "circle", "--episodes", "2", "--override",
 def own_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(console, "width", 200)
-    yield
-    console.quiet = False
 
 
 def test_machines_get_json_alone_on_standard_output(capsys):
@@ -148,20 +147,77 @@ def test_an_interrupted_training_leaves_a_whole_agent_and_says_where(tmp_path):
 
     words = ("train", "BearingsOnly", "--out", "run", "--seed", "3")
     status, error = interrupted(words, learning, tmp_path)
-    assert (status, error) == (130, "passloc: interrupted; saved so far: run/config.json, run\n")
     agent = AgentFile.load(tmp_path / "run")
+    decisions = agent.card["training"]["decisions"]
+    said = f"passloc: interrupted; saved so far: the agent after {decisions:,} decisions in run\n"
+    assert (status, error) == (130, said)
     rows = read_curve(curve)
     assert set(rows) == set(COLUMNS)
-    decisions = agent.card["training"]["decisions"]
     assert rows["decisions"][-1] <= decisions < agent.card["training"]["hyperparameters"]["decisions"]
     assert not [path for path in (tmp_path / "run").rglob("*") if "part" in path.name]
 
 
-def test_of_many_files_the_folders_are_named(monkeypatch):
-    monkeypatch.setattr(files, "_saved", [])
+def test_of_many_files_the_folders_are_named():
+    files.forget()
     for number in range(3):
         files.note(Path("a") / str(number))
     assert files.saved() == ["a/0", "a/1", "a/2"]
     for number in range(4):
         files.note(Path("b") / str(number))
     assert files.saved() == ["3 files in a", "4 files in b"]
+    files.note(Path("b"), "all of it")
+    assert files.saved() == ["a/0", "a/1", "a/2", "all of it in b"]
+
+
+def test_a_command_leaves_nothing_behind_for_the_next(capsys, monkeypatch):
+    def interrupt(*arguments, **named):
+        raise KeyboardInterrupt
+
+    assert cli.main(["list", "-q", "--json", "a.json"]) == 0
+    monkeypatch.setattr("training.judging.evaluate", interrupt)
+    assert cli.main(list(EVALUATE)) == 130
+    assert capsys.readouterr().err == "passloc: interrupted; nothing was saved\n"
+    assert not console.quiet
+
+
+def test_a_file_appears_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "file"
+
+    def broken():
+        with files.appearing(path) as partial:
+            partial.write_text("half", encoding="utf-8")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        broken()
+    assert list(tmp_path.iterdir()) == []
+    path.write_text("before", encoding="utf-8")
+    with pytest.raises(KeyboardInterrupt):
+        broken()
+    assert path.read_text(encoding="utf-8") == "before"
+
+
+def test_links_and_pipes_stay_what_they_are(tmp_path):
+    (tmp_path / "link").symlink_to(tmp_path / "target")
+    files.write_whole(tmp_path / "link", "through the link")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").read_text(encoding="utf-8") == "through the link"
+    os.mkfifo(tmp_path / "pipe")
+    reader = subprocess.Popen(["cat", tmp_path / "pipe"], stdout=subprocess.PIPE, text=True)
+    files.write_whole(tmp_path / "pipe", "through the pipe")
+    assert reader.communicate(timeout=30)[0] == "through the pipe"
+    assert (tmp_path / "pipe").is_fifo()
+
+
+@pytest.mark.parametrize(
+    ("words", "stem"),
+    [
+        (("BearingsOnly", 3), "BearingsOnly-3"),
+        (("zigzag 60° 40 s",), "zigzag-60-40-s"),
+        (("a/../../b",), "a-..-..-b"),
+        (("..",), ""),
+        (("CON: *?<>|",), "CON"),
+    ],
+)
+def test_names_become_files_and_never_paths(words, stem):
+    assert file_stem(*words) == stem

@@ -14,7 +14,9 @@ from agents.learned import choices_of
 from passloc_env import SCENARIOS, observation_names
 from passloc_env.sb3 import make_vec_env
 from training.hyperparameters import HyperparameterError, Hyperparameters
-from training.train import _agent, build_ppo, learning_env, run
+from training.learner import agent_of, build_ppo, learning_env
+from training.run_folder import Assignment
+from training.train import run
 from training.wrappers import Choosing
 
 SCENARIO = SCENARIOS["BearingsOnly"].override({"episode.steps": 40})
@@ -49,7 +51,7 @@ def test_the_agent_picks_what_the_model_holds_likeliest():
     """In every component for itself; that NumPy's argmax is SB3's mode."""
     parameters = Hyperparameters(environments=4, rollout=4, batch_size=4, network=(8,), choices=5)
     model = build_ppo(learning_env(SHIPS, parameters, seed=0), parameters, seed=3)
-    policy = LearnedPolicy(_agent(model, SHIPS, parameters, 3, 1.0))
+    policy = LearnedPolicy(agent_of(model, Assignment(SHIPS, parameters, 3, {}), 1.0))
     observation = np.random.default_rng(0).normal(size=(200, len(observation_names(SHIPS)))).astype(np.float32)
     indices, _ = model.predict(observation, deterministic=True)
     found = policy.act(observation, None, None)

@@ -29,7 +29,6 @@ def own_folder(tmp_path, monkeypatch):
     """Commands write where they are called, and tables have room."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(console, "width", 200)
-    monkeypatch.setattr("training.files._saved", [])
     (tmp_path / "tiny.yaml").write_text(YAML, encoding="utf-8")
 
 

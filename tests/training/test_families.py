@@ -13,8 +13,9 @@ from passloc_env.errors import InputError
 from passloc_env.sb3 import make_vec_env
 from training.families import Together, families_of, shares
 from training.hyperparameters import HyperparameterError, Hyperparameters
+from training.learner import learning_env
 from training.privileged import WithTruth
-from training.train import check_training, learning_env, run
+from training.train import check_training, run
 
 SCENARIO = SCENARIOS["BearingsOnly"].override({"episode.steps": 40})
 COARSE, SHORT = {"sensors.0.sigma": 0.05}, {"episode.steps": 20}

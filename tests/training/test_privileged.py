@@ -14,8 +14,9 @@ from passloc_env import SCENARIOS, observation_names
 from passloc_env.sb3 import make_vec_env
 from passloc_env.tracking import InteractingModels
 from training.hyperparameters import Hyperparameters
+from training.learner import build_ppo, learning_env
 from training.privileged import WithTruth, truth_names
-from training.train import build_ppo, learning_env, run
+from training.train import run
 
 SCENARIO = SCENARIOS["BearingsOnly"].override({"episode.steps": 40})
 SEEN = len(observation_names(SCENARIO))

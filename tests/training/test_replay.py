@@ -11,30 +11,47 @@ from PIL import Image
 from agents import find_policy
 from passloc_env import SCENARIOS
 from passloc_env.rendering.frame import SIZE
+from passloc_env.rendering.viewport import Viewport
 from training import film
 from training.cli import main
-from training.replay import fly, side_by_side
+from training.replay import record, side_by_side
 
 SHORT = SCENARIOS["BearingsOnly"].override({"episode.steps": 12})
 WORDS = ["replay", "BearingsOnly", "--override", "episode.steps=12"]
 
 
-def test_a_flight_is_the_first_look_and_every_decision() -> None:
-    pictures = [canvas.pixels() for canvas in fly(SHORT, find_policy("circle", SHORT), 3)]
+def test_pictures_are_the_first_look_and_every_decision() -> None:
+    pictures = list(side_by_side([record(SHORT, find_policy("circle", SHORT), 3)]))
     assert len(pictures) == 4
     assert all((a != b).any() for a, b in pairwise(pictures))
-    again = [canvas.pixels() for canvas in fly(SHORT, find_policy("circle", SHORT), 3)]
+    again = list(side_by_side([record(SHORT, find_policy("circle", SHORT), 3)]))
     np.testing.assert_array_equal(pictures, again)
 
 
 def test_who_has_ended_waits_for_the_others() -> None:
     longer = SHORT.override({"episode.steps": 20})
-    flights = [fly(each, find_policy("circle", each), 3) for each in (SHORT, longer)]
-    frames = list(side_by_side(flights))
+    recordings = [record(each, find_policy("circle", each), 3) for each in (SHORT, longer)]
+    frames = list(side_by_side(recordings))
     assert [frame.shape for frame in frames] == [(SIZE, 2 * SIZE, 3)] * 6
     left = [frame[:, :SIZE] for frame in frames]
     np.testing.assert_array_equal(left[-1], left[3])
     assert (frames[-1][:, SIZE:] != frames[3][:, SIZE:]).any()
+
+
+def test_all_maps_have_one_scale_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures that are to be compared must be comparable, whoever flies far away."""
+    views = []
+    around = Viewport.around.__func__
+    monkeypatch.setattr(Viewport, "around", classmethod(lambda *a: views.append(around(*a)) or views[-1]))
+    recordings = [record(SHORT, find_policy(name, SHORT), 3) for name in ("circle", "straight")]
+    assert len(list(side_by_side(recordings))) == 4
+    assert len({(view.scale, *view.centre) for view in views}) == 1
+    (view,) = views[:1]
+    inside = np.array([view.left, view.top]), np.array([view.left + view.width, view.top + view.height])
+    for instant in (instant for recording in recordings for instant in recording.instants):
+        for place in (*instant.platforms, instant.emitter):
+            assert (inside[0] <= view.pixels(place)).all()
+            assert (view.pixels(place) <= inside[1]).all()
 
 
 def test_files_hold_every_decision(tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
 """Reports as a browser shows them: whole, silent, usable with keys and on a phone; and what cannot be reported."""
 
+import ast
 import json
+import math
 import os
 import re
 import shutil
@@ -8,21 +10,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.stats
 
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("plotly")
 
-from agents import find_policy
+from agents import Circle, LearnedPolicy, find_policy
 from passloc_env import SCENARIOS
 from training import cli
 from training.commands import EVALUATION_SEED
 from training.evaluate import evaluate, read_evaluation
 from training.hyperparameters import Hyperparameters
 from training.replay import record
+from training.report.charts import scores
 from training.report.errors import error_curves
 from training.report.page import Page, html
-from training.report.player import played
+from training.report.player import _numbers, played
 from training.report.subject import read_subject
+from training.statistics import Estimate
 from training.table import ranked
 from training.train import run
 
@@ -116,7 +121,7 @@ def test_the_slider_seeks_with_mouse_and_keys(opened, reported):
     page = opened(reported["evaluation"])
     slider = page.get_by_role("slider", name="Time")
     slider.fill("20")
-    instants = record(SHORT, find_policy("circle", SHORT), EVALUATION_SEED)
+    instants = record(SHORT, find_policy("circle", SHORT), EVALUATION_SEED).instants
     row = page.evaluate("read('flights').flights.findIndex((flight) => flight.name === 'circle')")
     place, length = observer(page, row)
     assert length == 21
@@ -236,34 +241,79 @@ def test_an_evaluation_comes_back_as_it_was_saved(evaluation):
 def test_curves_are_medians_of_what_was_flown():
     """Against flights made one by one by the recorder of pictures: other code, the same episodes."""
     policy = find_policy("circle", SHORT)
-    from training.report import errors
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(errors, "EPISODES", 3)
-        curve = error_curves(SHORT, {"circle": policy}, 50)["circle"]
+    curve = error_curves(SHORT, {"circle": policy}, 3, 50)["circle"]
     open_end = SHORT.override({"episode.early_end": False})
-    flown = [record(open_end, policy, seed)[1:] for seed in (50, 51, 52)]
+    flown = [record(open_end, policy, seed).instants[1:] for seed in (50, 51, 52)]
     error = np.array([[instant.error for instant in instants] for instants in flown])
     bound = np.array([[instant.bound for instant in instants] for instants in flown])
     np.testing.assert_allclose(curve.error, 100.0 * np.median(error, axis=0), rtol=1e-9)
-    np.testing.assert_allclose(curve.bound, 100.0 * np.median(bound, axis=0), rtol=1e-9)
+    as_good = scipy.stats.halfnorm.ppf(0.5) * np.median(bound, axis=0)
+    np.testing.assert_allclose(curve.bound, 100.0 * as_good, rtol=1e-9)
     np.testing.assert_array_equal(curve.time, [instant.time for instant in flown[0]])
 
 
-def test_long_flights_are_thinned_and_what_is_unknown_is_null():
-    data = played(SCENARIOS["BearingsOnly"], {"circle": find_policy("circle", SCENARIOS["BearingsOnly"])}, 3)
-    (flight,) = data["flights"]
-    assert len(flight["time"]) <= 121
-    assert (flight["time"][0], flight["time"][-1]) == (0.0, 240.0)
-    assert json.loads(json.dumps(data, allow_nan=False)) is not None
+def test_long_flights_are_thinned_and_stay_in_step():
+    """One that ends early is shown at the same times as the others, and its end; what is unknown is null."""
+    scenario = SCENARIOS["BearingsOnly"]
+    policies = {name: find_policy(name, scenario) for name in ("straight", "circle")}
+    data = played(scenario, policies, 1_000_003)
+    short, long = sorted((flight["time"] for flight in data["flights"]), key=len)
+    assert short[-1] < long[-1]
+    assert len(long) <= 121
+    assert short[:-1] == long[: len(short) - 1]
+    assert long[len(short) - 2] < short[-1] <= long[len(short) - 1]
+    for flight in data["flights"]:
+        flown = record(scenario, policies[flight["name"]], 1_000_003).instants
+        assert (flight["time"][0], flight["time"][-1]) == (flown[0].time, flown[-1].time)
+    assert _numbers(np.array([1.26, np.nan, np.inf]), 1) == [1.3, None, None]
+    json.dumps(data, allow_nan=False)
 
 
 def test_names_cannot_break_out_of_the_page():
     name = "</script><script>alert(1)</script>"
-    page = html(Page(title=name, configuration={name: name}))
+    player = played(SHORT, {name: find_policy("circle", SHORT)}, 3)
+    page = html(Page(title=name, configuration={name: name}, player=player)).partition("<body>")[2]
     assert name not in page
-    assert "http://" not in page.partition("<body>")[2]
-    assert "https://" not in page.partition("<body>")[2]
+    assert page.count("alert(1)") == 7
+    assert "</script><script>" not in page.replace("</script>\n<script>", "")
+
+
+def test_the_agent_of_a_run_flies_under_its_own_name_alone(trained, tmp_path):
+    """Also where its folder holds an evaluation in which it is not the first, made when it lay elsewhere."""
+    folder = tmp_path / trained.name
+    shutil.copytree(trained, folder)
+    judged = evaluate(SHORT, [find_policy("circle", SHORT), find_policy(str(trained), SHORT)], episodes=4)
+    judged.asked = ("circle", str(trained))
+    judged.save(folder / "evaluation.json")
+    policies = read_subject(folder, 1).policies
+    assert {name: type(policy) for name, policy in policies.items()} == {"circle": Circle, trained.name: LearnedPolicy}
+
+
+def test_names_that_are_numbers_stay_names(evaluation):
+    judged = read_evaluation(evaluation)
+    for number, verdict in enumerate(judged.verdicts):
+        verdict.policy = str(number)
+    assert scores(judged).layout.yaxis.type == "category"
+
+
+def test_those_without_a_score_come_last(evaluation):
+    judged = read_evaluation(evaluation)
+    judged.verdicts[2].log_range_bound = Estimate(math.nan, math.nan, math.nan)
+    order = ranked(judged)
+    assert order[-1] is judged.verdicts[2]
+    values = [verdict.log_range_bound.value for verdict in order[:-1]]
+    assert values == sorted(values)
+
+
+def changed(data, change: str) -> str:
+    """An evaluation with one thing changed, as text."""
+    where, _, value = change.partition("=")
+    *path, last = where.split(".")
+    inner = data
+    for name in path:
+        inner = inner[int(name) if name.isdigit() else name]
+    inner[last] = ast.literal_eval(value)
+    return json.dumps(data)
 
 
 @pytest.mark.parametrize(
@@ -274,6 +324,12 @@ def test_names_cannot_break_out_of_the_page():
         ("cut.json", "cut.json is not a whole evaluation"),
         ("other.json", "other.json is not a whole evaluation"),
         ("binary.json", "binary.json is not a whole evaluation"),
+        ("policies=[]", "its reference 'circle' is none of its policies"),
+        ("reference='nobody'", "its reference 'nobody' is none of its policies"),
+        ("policies.0.log_range_bound=3", "AttributeError"),
+        ("policies.0.policy=None", "its reference 'circle' is none of its policies"),
+        ("episodes=0", "must be at least 1"),
+        ("seed=-3", "must be at least 0"),
     ],
 )
 def test_what_cannot_be_reported_is_one_line(source, said, evaluation, tmp_path, monkeypatch, capsys):
@@ -283,6 +339,9 @@ def test_what_cannot_be_reported_is_one_line(source, said, evaluation, tmp_path,
     Path("cut.json").write_text(text[: len(text) // 2], encoding="utf-8")
     Path("other.json").write_text('{"policies": [1]}', encoding="utf-8")
     Path("binary.json").write_bytes(os.urandom(8) + b"\xff\xfe")
+    if "=" in source:
+        Path("changed.json").write_text(changed(json.loads(text), source), encoding="utf-8")
+        source = "changed.json"
     assert cli.main(["report", source, "--out", "new/page.html"]) == 2
     error = capsys.readouterr().err
     assert said in error

@@ -18,7 +18,8 @@ from passloc_env.sb3 import make_vec_env
 from training.commands import Train
 from training.curve import COLUMNS, CurveCallback
 from training.hyperparameters import HyperparameterError, Hyperparameters
-from training.train import Run, build_ppo, run, train
+from training.learner import build_ppo
+from training.train import Run, run, train
 from training.wrappers import ScaledReward
 
 TINY = Hyperparameters(
@@ -201,7 +202,7 @@ def test_scaled_reward_scales_the_reward_and_nothing_else():
 def test_time_limits_are_not_bootstrapped(monkeypatch, tmp_path):
     """Time left is in the observation, so the last state of an episode is worth nothing more."""
     asked = []
-    monkeypatch.setattr("training.train.make_vec_env", lambda *a, **k: asked.append(k) or make_vec_env(*a, **k))
+    monkeypatch.setattr("training.learner.make_vec_env", lambda *a, **k: asked.append(k) or make_vec_env(*a, **k))
     run(SCENARIO, dataclasses.replace(TINY, decisions=1), tmp_path, seed=0)
     assert [k["bootstrap_time_limit"] for k in asked] == [False]
 

@@ -18,7 +18,9 @@ from passloc_env.errors import InputError
 from passloc_env.sb3 import LocalisationVecEnv, make_vec_env
 from training.commands import Train
 from training.hyperparameters import HyperparameterError, Hyperparameters
-from training.train import _agent, build_ppo, learning_env, run, train
+from training.learner import agent_of, build_ppo, learning_env
+from training.run_folder import Assignment
+from training.train import run, train
 from training.wrappers import Choosing, Guarded, Mirrored, RisingPrice, ScaledReward
 
 SCENARIO = SCENARIOS["BearingsOnly"].override(
@@ -233,7 +235,7 @@ def test_the_agent_flies_as_the_model_flew_behind_the_wrappers(changes):
     model = build_ppo(env, parameters, seed=1)
     with torch.no_grad():
         model.policy.action_net.weight.mul_(100.0)
-    policy = LearnedPolicy(_agent(model, SCENARIO, parameters, 1, 1.0))
+    policy = LearnedPolicy(agent_of(model, Assignment(SCENARIO, parameters, 1, {}), 1.0))
     bare = make_vec_env(SCENARIO, N, seed=1, bootstrap_time_limit=False)  # as SB3 seeds the other
     seen, observation = env.reset(), bare.reset()
     unsure = LearnedPolicy(

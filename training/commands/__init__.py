@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from training.commands.completion import Completion
-from training.commands.fields import EVALUATION_SEED, Output
+from training.commands.fields import EVALUATION_SEED, Asked, Output
 from training.commands.judging import Card, Evaluate, Leaderboard, Report
 from training.commands.learning import Ablate, Demo, Seeds, Train, Tune
 from training.commands.looking import Export, List, NewScenario, Observe, Replay
@@ -19,6 +19,7 @@ __all__ = [
     "EVALUATION_SEED",
     "GROUPS",
     "Ablate",
+    "Asked",
     "Bench",
     "Card",
     "Command",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Protocol, TypeAlias
 
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional
@@ -41,6 +41,14 @@ class Output:
     """Also write the answer here as JSON; - writes it, and nothing else, to standard output."""
     quiet: Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(aliases=["-q"])] = False
     """Say nothing but errors, and show no progress."""
+
+
+class Asked(Protocol):
+    """The arguments of any command."""
+
+    @property
+    def output(self) -> Output:
+        """How the answer is to be given."""
 
 
 Answer: TypeAlias = OmitArgPrefixes[Output]

@@ -26,7 +26,8 @@ class Evaluate:
 
     scenario: ScenarioName = "BearingsOnly"
     policies: str = ""
-    """Rules and paths of trained agents, separated by commas; by default every rule. The first is the reference."""
+    """Rules, planners, learned, agent:NAME and paths of trained agents, separated by commas; by default every rule. The
+    first is the reference."""
     episodes: int = 512
     """Episodes per policy."""
     seed: int = EVALUATION_SEED

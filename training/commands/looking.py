@@ -58,7 +58,7 @@ class Observe:
 
     scenario: ScenarioName = "BearingsOnly"
     policy: str = "stationary"
-    """Rule or path of a trained agent that flies the episode."""
+    """Who flies the episode: a rule, planner, learned (the shipped agent), agent:NAME, or path of a trained agent."""
     seed: int = EVALUATION_SEED
     """Seed of the episode."""
     out: File = None
@@ -81,7 +81,7 @@ class Replay:
 
     scenario: ScenarioName = "BearingsOnly"
     policy: str = "circle"
-    """Rules and paths of trained agents, separated by commas."""
+    """Rules, planners, learned (the shipped agent), agent:NAME and paths of trained agents, separated by commas."""
     seed: int = EVALUATION_SEED
     """Seed of the episode."""
     gif: File = None
@@ -109,7 +109,7 @@ class Export:
 
     scenario: ScenarioName = "BearingsOnly"
     policy: str = "circle"
-    """Rule or path of a trained agent that flies the episode."""
+    """Who flies the episode: a rule, planner, learned (the shipped agent), agent:NAME, or path of a trained agent."""
     seed: int = EVALUATION_SEED
     """Seed of the episode."""
     out: Path = Path("runs/export")

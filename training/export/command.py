@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from agents import find_policy
-from training.arguments import check_seed, parse_overrides, read_scenario, writable_folder
+from passloc_env.scenarios import find
+from training.arguments import check_seed, parse_overrides, writable_folder
 from training.commands import Export
 from training.export.flight import fly
 from training.export.tables import encoder, write_tables
@@ -21,7 +22,7 @@ def export(arguments: Export) -> list[Path]:
         OSError: a folder that cannot be written into.
     """
     check_seed(arguments.seed)
-    scenario = read_scenario(arguments.scenario).override(parse_overrides(arguments.override))
+    scenario = find(arguments.scenario).override(parse_overrides(arguments.override))
     policy = find_policy(arguments.policy, scenario)
     encoder(arguments.format)
     folder = writable_folder(arguments.out)

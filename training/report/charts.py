@@ -62,7 +62,7 @@ def _forest(evaluation: Evaluation, kinds: Sequence[tuple[str, Callable[[Verdict
             hovertemplate="%{y}: %{x:.3f}<extra></extra>",
         )
     figure.update_layout(showlegend=len(kinds) > 1, height=110 + _ROW * len(verdicts))
-    figure.update_yaxes(automargin=True)
+    figure.update_yaxes(type="category", automargin=True)
     return _dressed(figure)
 
 
@@ -89,7 +89,7 @@ def learning(curve: Mapping[str, Array]) -> go.Figure:
 
 
 def errors(curves: Mapping[str, ErrorCurve]) -> go.Figure:
-    """Median error of the estimate over time, with quartiles, and the bound along the paths."""
+    """Median error of the estimate over time, with quartiles, and that of a tracker as good as the bound."""
     figure = go.Figure()
     for number, (name, curve) in enumerate(curves.items()):
         colour, time = POLICIES[number % len(POLICIES)], curve.time.tolist()
@@ -109,7 +109,7 @@ def errors(curves: Mapping[str, ErrorCurve]) -> go.Figure:
             y=curve.bound.tolist(),
             showlegend=False,
             line={"color": colour, "width": 1.5, "dash": "dash"},
-            hovertemplate=f"{name}: bound %{{y:.3g}} % after %{{x:g}} s<extra></extra>",
+            hovertemplate=f"{name}: as good as the bound %{{y:.3g}} % after %{{x:g}} s<extra></extra>",
         )
     figure.update_xaxes(title="time, s")
     figure.update_yaxes(title="median error over range, %", type="log", dtick="D2", tickformat="~g")

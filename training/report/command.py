@@ -41,7 +41,7 @@ def report_page(subject: Subject) -> Page:
     """Everything that a subject has to show."""
     evaluation, shown = subject.evaluation, subject.shown()
     page = Page(
-        title=f"{subject.scenario.name}: {len(evaluation.verdicts)} policies on {evaluation.episodes} unseen episodes",
+        title=f"{subject.scenario.name}: {_headline(evaluation)}",
         lead=[*_lead(subject), *subject.remarks],
         table=_table(evaluation),
         configuration=configuration(subject),
@@ -57,13 +57,21 @@ def report_page(subject: Subject) -> Page:
         page.charts.append(Chart("learning", "Learning", words, charts.learning(subject.curve)))
     if shown:
         page.player = played(subject.scenario, shown, evaluation.seed)
+        episodes = min(EPISODES, evaluation.episodes)
         words = (
-            f"Medians over {EPISODES} of the episodes, the middle half of the errors shaded, and the Cramér–Rao bound "
-            "on the range along the paths flown, dashed. Where the tracker is efficient the two run together."
+            f"Medians over {episodes} of the episodes, the middle half of the errors shaded. Dashed: the median error "
+            "of an estimate as good as the Cramér–Rao bound on the range, 0.674 of it. Where the tracker is efficient "
+            "the two run together."
         )
-        figure = charts.errors(error_curves(subject.scenario, shown, evaluation.seed))
+        figure = charts.errors(error_curves(subject.scenario, shown, episodes, evaluation.seed))
         page.charts.append(Chart("errors", "Error against bound", words, figure, before=False))
     return page
+
+
+def _headline(evaluation: Evaluation) -> str:
+    """How many policies were judged on how many episodes."""
+    policies, episodes = len(evaluation.verdicts), evaluation.episodes
+    return f"{policies} {'policy' if policies == 1 else 'policies'}, {episodes} unseen episode{'s' * (episodes > 1)}"
 
 
 def _lead(subject: Subject) -> list[str]:

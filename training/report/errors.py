@@ -13,7 +13,10 @@ from passloc_env.scenario import Scenario
 from training.episodes import watch
 
 EPISODES = 200
-"""Episodes that a curve is the median of."""
+"""Episodes that a curve is the median of, at most."""
+
+_MEDIAN_OF_NORMAL = 0.6744897501960817
+"""Half of all normal errors are smaller than this many deviations."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,7 @@ class ErrorCurve:
     Attributes:
         time: seconds.
         error, low, high: median and quartiles of the relative range error.
-        bound: median of the Cramér–Rao bound on the range along the paths flown.
+        bound: what the median error is where the estimate is Gaussian and as good as the Cramér–Rao bound on the range.
     """
 
     time: Array
@@ -33,18 +36,18 @@ class ErrorCurve:
     bound: Array
 
 
-def error_curves(scenario: Scenario, policies: Mapping[str, Policy], seed: int) -> dict[str, ErrorCurve]:
-    """A curve of each policy, over the same episodes from ``seed`` on."""
-    return {name: _curve(scenario, policy, seed) for name, policy in policies.items()}
+def error_curves(scenario: Scenario, policies: Mapping[str, Policy], episodes: int, seed: int) -> dict[str, ErrorCurve]:
+    """A curve of each policy, over the same so many episodes from ``seed`` on."""
+    return {name: _curve(scenario, policy, episodes, seed) for name, policy in policies.items()}
 
 
-def _curve(scenario: Scenario, policy: Policy, seed: int) -> ErrorCurve:
-    recorders, _ = watch(scenario, policy, EPISODES, seed)
+def _curve(scenario: Scenario, policy: Policy, episodes: int, seed: int) -> ErrorCurve:
+    recorders, _ = watch(scenario, policy, episodes, seed)
     error, log_bound = (
         np.concatenate([getattr(recorder, name) for recorder in recorders], axis=1)
         for name in ("error", "log_range_bound")
     )
     low, middle, high = (100.0 * np.quantile(error, share, axis=1) for share in (0.25, 0.5, 0.75))
     time: Array = scenario.episode.period * np.arange(1, len(error) + 1, dtype=float)
-    bound: Array = 100.0 * np.exp(np.median(log_bound, axis=1))
+    bound: Array = 100.0 * _MEDIAN_OF_NORMAL * np.exp(np.median(log_bound, axis=1))
     return ErrorCurve(time, middle, low, high, bound)

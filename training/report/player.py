@@ -10,7 +10,7 @@ import numpy as np
 from agents import Policy
 from passloc_env.arrays import Array
 from passloc_env.rendering.colours import EMITTER, ESTIMATE, FAINT, GRID, INK, OBSERVER, POLICIES
-from passloc_env.rendering.map_panel import ellipse
+from passloc_env.rendering.map_panel import ellipse, extent
 from passloc_env.rendering.record import Instant
 from passloc_env.scenario import Scenario
 from training.replay import record
@@ -33,7 +33,7 @@ def played(scenario: Scenario, policies: Mapping[str, Policy], seed: int) -> dic
         policies: who flies, by name; all on the same episode.
         seed: of the episode.
     """
-    flown = {name: _thinned(record(scenario, policy, seed)) for name, policy in policies.items()}
+    flown = _thinned({name: record(scenario, policy, seed).instants for name, policy in policies.items()})
     episode = scenario.episode
     window = _window([instant for instants in flown.values() for instant in instants], episode.min_range)
     return {
@@ -55,10 +55,17 @@ def played(scenario: Scenario, policies: Mapping[str, Policy], seed: int) -> dic
     }
 
 
-def _thinned(instants: Sequence[Instant]) -> list[Instant]:
-    """The first, the last, and as many evenly between them as there is room for."""
-    chosen = np.unique(np.linspace(0, len(instants) - 1, min(_FRAMES, len(instants))).round().astype(int))
-    return [instants[index] for index in chosen]
+def _thinned(flights: Mapping[str, Sequence[Instant]]) -> dict[str, list[Instant]]:
+    """The same instants of all flights, as many as there is room for; of one that ends early also its end."""
+    longest = max(map(len, flights.values()))
+    grid = np.unique(np.linspace(0, longest - 1, min(_FRAMES, longest)).round().astype(int)).tolist()
+    thinned = {}
+    for name, instants in flights.items():
+        last = len(instants) - 1
+        chosen = [index for index in grid if index < last]
+        # The frame in which it ended shows its end, wherever between two frames that was.
+        thinned[name] = [instants[index] for index in (*chosen, last)]
+    return thinned
 
 
 def _flight(name: str, instants: Sequence[Instant], min_range: float) -> dict[str, Any]:
@@ -90,11 +97,9 @@ def _rays(instant: Instant) -> list[dict[str, list[float | None]]]:
     return rays
 
 
-def _window(instants: Sequence[Instant], min_range: float) -> dict[str, list[float]]:
+def _window(instants: list[Instant], min_range: float) -> dict[str, list[float]]:
     """East and north of all tracks and keep-outs, km; square, so that maps side by side have one scale."""
-    emitters = np.array([instant.emitter for instant in instants])
-    observers = np.concatenate([instant.platforms for instant in instants])
-    points = np.concatenate([observers, emitters - min_range, emitters + min_range]) / 1e3
+    points = extent(instants, min_range) / 1e3
     low, high = points.min(axis=0), points.max(axis=0)
     half = (0.5 + _MARGIN) * float((high - low).max())
     middle = 0.5 * (low + high)

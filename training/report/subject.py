@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -84,7 +85,7 @@ def _run(folder: Path, episodes: int) -> Subject:
     training = {"training": agent.card["training"]} | ({"notes": agent.card["notes"]} if "notes" in agent.card else {})
     if (folder / _EVALUATION).exists():
         evaluation = read_evaluation(folder / _EVALUATION)
-        policies, remarks = _find(evaluation, LearnedPolicy(agent, evaluation.reference))
+        policies, remarks = _find(evaluation, folder)
         return Subject(evaluation, policies, curve, training, remarks)
     learned = LearnedPolicy.load(folder, agent.scenario)
     rules = default_policies(agent.scenario)
@@ -95,15 +96,17 @@ def _run(folder: Path, episodes: int) -> Subject:
     return Subject(evaluation, dict(zip(names, flown, strict=True)), curve, training)
 
 
-def _find(evaluation: Evaluation, reference: Policy | None = None) -> tuple[dict[str, Policy], list[str]]:
-    """The policies of an evaluation as far as they can be found again, and what is to be said of the others."""
-    found: dict[str, Policy] = {} if reference is None else {evaluation.reference: reference}
+def _find(evaluation: Evaluation, folder: Path | None = None) -> tuple[dict[str, Policy], list[str]]:
+    """The policies of an evaluation as far as they can be found again, and what is to be said of the others.
+
+    A run folder may have been moved since: an agent that was flown from a folder of its name is taken from there.
+    """
+    found: dict[str, Policy] = {}
     lost = []
-    for verdict, asked in zip(evaluation.verdicts, evaluation.asked, strict=False):
-        if verdict.policy in found:
-            continue
+    for verdict, asked in itertools.zip_longest(evaluation.verdicts, evaluation.asked[: len(evaluation.verdicts)]):
+        moved = folder is not None and asked is not None and Path(asked).name == folder.resolve().name
         try:
-            found[verdict.policy] = find_policy(asked, evaluation.scenario)
+            found[verdict.policy] = find_policy(str(folder) if moved else asked or "", evaluation.scenario)
         except InputError:
             lost.append(verdict.policy)
     missing = [f"{', '.join(lost)}: not found here, so no flight is shown."] if lost else []
