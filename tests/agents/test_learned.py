@@ -21,6 +21,7 @@ import torch
 from passloc_env.sb3 import make_vec_env
 from training.hyperparameters import Hyperparameters
 from training.learner import agent_of, build_ppo
+from training.provenance import provenance
 from training.run_folder import Assignment
 
 SCENARIO = SCENARIOS["BearingsOnly"]
@@ -34,7 +35,7 @@ def untrained(scenario=SCENARIO, seed=0):
     with torch.no_grad():
         model.policy.action_net.weight.mul_(100.0)
         model.policy.action_net.bias.add_(0.1)
-    return model, agent_of(model, Assignment(scenario, PARAMETERS, seed, {}), 1.5)
+    return model, agent_of(model, Assignment(scenario, PARAMETERS, seed, provenance(["test"])), 1.5)
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,7 @@ from training.demo import demo
 from training.hyperparameters import Hyperparameters
 
 FILES = {
+    ".lock",
     "agent.json",
     "agent.safetensors",
     "config.json",

@@ -60,7 +60,7 @@ def arguments(tmp_path, monkeypatch):
 
 def test_run_folder_is_complete(finished):
     names = {path.name for path in finished.folder.iterdir()}
-    assert names == {"config.json", "curve.csv", "tensorboard", "agent.json", "agent.safetensors"}
+    assert names == {".lock", "config.json", "curve.csv", "tensorboard", "agent.json", "agent.safetensors"}
     assert any(path.name.startswith("events") for path in (finished.folder / "tensorboard").iterdir())
     assert finished.seconds > 0.0
 

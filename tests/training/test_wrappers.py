@@ -294,7 +294,7 @@ def test_a_mirror_that_cannot_be_is_refused_before_there_is_a_folder(tmp_path, m
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.yaml").write_text("mirror: true\nenvironments: 2\n", encoding="utf-8")
     with pytest.raises(InputError, match="mirror = True is not possible") as caught:
-        train(Train("DualSatellite", hyperparameters=tmp_path / "own.yaml", decisions=1, quiet=True))
+        train(Train("DualSatellite", hyperparameters=tmp_path / "own.yaml", decisions=1))
     assert "\n" not in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["own.yaml"]
 
