@@ -82,7 +82,7 @@ def test_a_search_goes_on_and_its_best_can_be_trained(arguments, said):
     assert best.read_text(encoding="utf-8").startswith(f"# Trial {winner.number} of a search on BearingsOnly:")
     assert f"trial 2: {trials[2].value:.3f}\n" in said.getvalue()
     assert f"best so far is trial {winner.number} with {winner.value:.3f}" in said.getvalue()
-    finished = train(Train(hyperparameters=best, override=arguments.override, quiet=True))
+    finished = train(Train(hyperparameters=best, override=arguments.override))
     assert finished.agent.card["training"]["hyperparameters"]["learning_rate"] == parameters.learning_rate
 
 
