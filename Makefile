@@ -14,7 +14,7 @@ DEV := $(VENV)/.installed-dev
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup demo test lint bench docs notebooks clean
+.PHONY: help setup demo test lint bench docs notebooks audit clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -43,6 +43,9 @@ docs: $(DEV) ## build the documentation into site/
 notebooks: export OMP_NUM_THREADS := 1
 notebooks: $(DEV) ## execute the notebooks of the documentation again
 	$(BIN)/python docs/hooks/execute_notebooks.py docs/notebooks/*.ipynb
+
+audit: $(DEV) ## compare pinned versions with stored advisories: make audit ARGS=folder-of-OSV-files
+	$(BIN)/python .ci/audit.py constraints.txt $(ARGS)
 
 clean: ## remove .venv, caches and build results (runs/ stays)
 	rm -rf $(VENV) build dist site .hypothesis .mypy_cache .pytest_cache .ruff_cache

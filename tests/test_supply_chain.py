@@ -1,0 +1,91 @@
+"""The audit of dependencies finds what it should, and what is supported at least is what is declared."""
+
+import importlib.util
+import json
+import tomllib
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def script(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, ROOT / ".ci" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+audit, lowest = script("audit"), script("lowest")
+
+
+def advisory(name: str, events: list[dict[str, str]], **more: object) -> dict[str, object]:
+    affected = {
+        "package": {"ecosystem": "PyPI", "name": name},
+        "ranges": [{"type": "ECOSYSTEM", "events": events}],
+    }
+    return {"id": "TEST-1", "summary": "it is bad", "affected": [affected], **more}
+
+
+FIXED = [{"introduced": "0"}, {"fixed": "2.0"}]
+LAST = [{"introduced": "1.0"}, {"last_affected": "1.5"}]
+TWICE = [{"introduced": "1.0"}, {"fixed": "1.2"}, {"introduced": "1.4"}, {"fixed": "1.5"}]
+
+
+@pytest.mark.parametrize(
+    ("version", "events", "found"),
+    [
+        ("1.9", FIXED, True),
+        ("2.0", FIXED, False),
+        ("2.0rc1", FIXED, True),
+        ("1.5", LAST, True),
+        ("1.5.1", LAST, False),
+        ("0.9", LAST, False),
+        ("1.1", TWICE, True),
+        ("1.3", TWICE, False),
+        ("1.4", TWICE, True),
+        ("1.10", TWICE, False),
+    ],
+)
+def test_an_advisory_concerns_its_versions_alone(version, events, found, tmp_path, capsys):
+    (tmp_path / "constraints.txt").write_text(f"# pins\nSome_Package=={version}\nother==1.0\n", encoding="utf-8")
+    (tmp_path / "a.json").write_text(json.dumps(advisory("some-package", events)), encoding="utf-8")
+    assert audit.main(str(tmp_path / "constraints.txt"), str(tmp_path)) == int(found)
+    out = capsys.readouterr().out
+    assert (f"some-package {version}: TEST-1 it is bad" in out) == found
+
+
+def test_withdrawn_advisories_and_other_ecosystems_say_nothing(tmp_path, capsys):
+    (tmp_path / "constraints.txt").write_text("mine==1.0\n", encoding="utf-8")
+    gone = advisory("mine", FIXED, withdrawn="2026-01-01T00:00:00Z")
+    elsewhere = advisory("mine", FIXED)
+    elsewhere["affected"][0]["package"]["ecosystem"] = "npm"
+    for number, each in enumerate((gone, elsewhere)):
+        (tmp_path / f"{number}.json").write_text(json.dumps(each), encoding="utf-8")
+    assert audit.main(str(tmp_path / "constraints.txt"), str(tmp_path)) == 0
+    assert "1 advisories say nothing against 1 pinned versions" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("folder", ["", "nowhere", "empty"])
+def test_an_audit_that_cannot_be_made_says_so(folder, tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    assert audit.main(str(ROOT / "constraints.txt"), str(tmp_path / folder) if folder else "") == 0
+    assert capsys.readouterr().out.startswith("NOTICE: no stored advisories: the audit of ")
+
+
+def test_every_dependency_is_pinned_within_its_bounds():
+    from packaging.requirements import Requirement
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    pinned = audit.pins(ROOT / "constraints.txt")
+    extras = project["optional-dependencies"]
+    wanted = [*project["dependencies"], *(each for name in extras if name != "distributed" for each in extras[name])]
+    for requirement in map(Requirement, wanted):
+        version = pinned[audit.canonicalize_name(requirement.name)]
+        assert requirement.specifier.contains(version), requirement
+        assert [each.operator for each in requirement.specifier] == [">="], requirement
+    assert lowest.lowest([]) == [each.replace(">=", "==") for each in project["dependencies"]]
