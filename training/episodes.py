@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -15,9 +17,10 @@ from passloc_env.metrics import lost, root_trace, time_to
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 from passloc_env.vector_env import LocalisationVectorEnv
+from training.engines import ALONE, Engine
 
 CHUNK = 2048
-"""Episodes flown at once; the histories of more would only cost memory."""
+"""Episodes flown at once at most; the histories of more would only cost memory."""
 
 
 @dataclass
@@ -81,35 +84,94 @@ class Recorder:
         )
 
 
-def fly(
-    scenario: Scenario, policy: Policy, episodes: int, seed: int, progress: Callable[[int], None] = lambda done: None
-) -> tuple[Scores, float]:
-    """Fly ``episodes`` full episodes, seeds ``seed … seed + episodes − 1``, whatever the policy does.
+class Flight(NamedTuple):
+    """Full episodes under a policy, seeds ``seed … seed + episodes − 1``, whatever the policy does.
 
     Entering ``min_range`` or losing the track is counted and ends nothing, so that no policy gains by ending early.
 
-    Args:
+    Attributes:
         scenario: the problem; the policy's own overrides are applied.
         policy: who decides.
         episodes: how many.
         seed: of the first episode.
-        progress: called with the number of episodes finished since the last call.
-
-    Returns:
-        The scores and the seconds per decision that the policy took.
     """
-    parts, thinking = [], 0.0
-    for first in range(0, episodes, CHUNK):
-        count = min(CHUNK, episodes - first)
-        recorders, seconds = watch(scenario, policy, count, seed, first)
-        thinking += seconds * count / episodes
-        parts += [recorder.scores() for recorder in recorders]
-        progress(count)
-    return Scores.join(parts), thinking
+
+    scenario: Scenario
+    policy: Policy
+    episodes: int
+    seed: int
+
+
+def fly(
+    scenario: Scenario,
+    policy: Policy,
+    episodes: int,
+    seed: int,
+    progress: Callable[[int], None] = lambda done: None,
+    engine: Engine = ALONE,
+) -> tuple[Scores, float]:
+    """The scores of one :class:`Flight`, and the seconds per decision that the policy took.
+
+    Args:
+        scenario: as of a flight.
+        policy: as of a flight.
+        episodes: as of a flight.
+        seed: as of a flight.
+        progress: called with the number of episodes finished since the last call.
+        engine: where they are flown.
+    """
+    flight = Flight(scenario, policy, episodes, seed)
+    ((_, scores, thinking),) = fly_all([flight], lambda _, done: progress(done), engine)
+    return scores, thinking
+
+
+def fly_all(
+    flights: Sequence[Flight],
+    progress: Callable[[int, int], None] = lambda flight, done: None,
+    engine: Engine = ALONE,
+) -> Iterator[tuple[int, Scores, float]]:
+    """Fly several flights in batches; each flight's number, scores and seconds per decision once it is over.
+
+    Args:
+        flights: what to fly.
+        progress: called with the number of a flight and of its episodes finished since the last call.
+        engine: where they are flown.
+    """
+    tasks = [
+        (number, first, count)
+        for number, flight in enumerate(flights)
+        for first, count in batches(flight.episodes, CHUNK, engine.workers)
+    ]
+    flown: dict[int, dict[int, tuple[Scores, float]]] = {}
+    remaining = [flight.episodes for flight in flights]
+    for task, result in engine.map(fly_batch, [(*flights[number], first, count) for number, first, count in tasks]):
+        number, first, count = tasks[task]
+        flown.setdefault(number, {})[first] = result
+        remaining[number] -= count
+        progress(number, count)
+        if not remaining[number]:
+            parts = [part for _, part in sorted(flown.pop(number).items(), key=lambda item: item[0])]
+            scores = Scores.join([part for part, _ in parts])
+            thinking = sum(seconds * len(part.lost) for part, seconds in parts) / len(scores.lost)
+            yield number, scores, thinking
+
+
+def batches(episodes: int, most: int, workers: int = 1) -> list[tuple[int, int]]:
+    """First episode and number of episodes of batches of about one size, one for each worker at least."""
+    size = min(most, math.ceil(episodes / workers))
+    return [(first, min(size, episodes - first)) for first in range(0, episodes, size)]
+
+
+def fly_batch(
+    scenario: Scenario, policy: Policy, episodes: int, seed: int, first: int, count: int
+) -> tuple[Scores, float]:
+    """The scores of ``count`` episodes of a :class:`Flight` from its ``first`` on, and the seconds per decision."""
+    recorders, thinking = watch(scenario, policy, count, seed, first)
+    return Scores.join([recorder.scores() for recorder in recorders]), thinking
 
 
 def watch(scenario: Scenario, policy: Policy, episodes: int, seed: int, first: int = 0) -> tuple[list[Recorder], float]:
-    """Fly full episodes at once, seeds ``seed + first …``, as :func:`fly` does.
+    """Fly full episodes at once, seeds ``seed + first …``, those of a :class:`Flight`.
 
     Returns:
         What happened, in the order of the episodes, and the seconds per decision that the policy took.
