@@ -144,7 +144,11 @@ def fly_all(
     ]
     flown: dict[int, dict[int, tuple[Scores, float]]] = {}
     remaining = [flight.episodes for flight in flights]
-    for task, result in engine.map(fly_batch, [(*flights[number], first, count) for number, first, count in tasks]):
+    calls = [
+        (flights[number].scenario, flights[number].policy, flights[number].seed, first, count)
+        for number, first, count in tasks
+    ]
+    for task, result in engine.map(fly_batch, calls):
         number, first, count = tasks[task]
         flown.setdefault(number, {})[first] = result
         remaining[number] -= count
@@ -162,9 +166,7 @@ def batches(episodes: int, most: int, workers: int = 1) -> list[tuple[int, int]]
     return [(first, min(size, episodes - first)) for first in range(0, episodes, size)]
 
 
-def fly_batch(
-    scenario: Scenario, policy: Policy, episodes: int, seed: int, first: int, count: int
-) -> tuple[Scores, float]:
+def fly_batch(scenario: Scenario, policy: Policy, seed: int, first: int, count: int) -> tuple[Scores, float]:
     """The scores of ``count`` episodes of a :class:`Flight` from its ``first`` on, and the seconds per decision."""
     recorders, thinking = watch(scenario, policy, count, seed, first)
     return Scores.join([recorder.scores() for recorder in recorders]), thinking

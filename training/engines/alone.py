@@ -13,9 +13,7 @@ class Alone:
 
     workers = 1
 
-    def map(
-        self, function: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]
-    ) -> Iterator[tuple[int, Result]]:
+    def map(self, function: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
         """One call after the other, each when it is asked for."""
         for index, arguments in enumerate(tasks):
             yield index, function(*arguments)

@@ -22,9 +22,7 @@ class Engine(Protocol):
         """How many tasks are done at once."""
         ...
 
-    def map(
-        self, function: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]
-    ) -> Iterator[tuple[int, Result]]:
+    def map(self, function: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
         """Call a function once for each task; each task's number and result, in the order in which they are done.
 
         Whoever stops asking ends the tasks under way; no result is given twice.

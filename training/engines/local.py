@@ -34,12 +34,10 @@ class Local:
         self.workers = workers
         self._hands: list[_Hand] = []
 
-    def map(
-        self, function: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]
-    ) -> Iterator[tuple[int, Result]]:
+    def map(self, function: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
         """A task at a time for each process; that of a process which dies is given to another one."""
         waiting, begun = deque(range(len(tasks))), [0] * len(tasks)
-        busy: dict[Connection, tuple[_Hand, int]] = {}
+        busy: dict[Any, tuple[_Hand, int]] = {}
         try:
             while waiting or busy:
                 while waiting and len(busy) < self.workers:
@@ -48,7 +46,7 @@ class Local:
                     hand.give(function, tasks[index])
                     busy[hand.pipe] = hand, index
                 for pipe in wait(list(busy)):
-                    hand, index = busy.pop(pipe)  # type: ignore[arg-type]
+                    hand, index = busy.pop(pipe)
                     answer = hand.answer()
                     if answer is not None:
                         yield index, answer.result()
@@ -68,7 +66,7 @@ class Local:
             hand.dismiss()
         self._hands.clear()
 
-    def _idle(self, busy: dict[Connection, tuple[_Hand, int]]) -> _Hand:
+    def _idle(self, busy: dict[Any, tuple[_Hand, int]]) -> _Hand:
         for hand in self._hands:
             if hand.pipe not in busy:
                 return hand

@@ -40,9 +40,7 @@ class Ray:
         self.workers = workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
         self._call = ray.remote(num_cpus=1, max_retries=ATTEMPTS - 1)(_call)
 
-    def map(
-        self, function: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]
-    ) -> Iterator[tuple[int, Result]]:
+    def map(self, function: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
         """So many tasks at once as there are workers; Ray begins those again whose worker dies."""
         waiting, flying = iter(enumerate(tasks)), dict[Any, int]()
         try:
