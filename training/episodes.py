@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -18,6 +18,8 @@ from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 from passloc_env.vector_env import LocalisationVectorEnv
 from training.engines import ALONE, Engine
+
+Watcher = TypeVar("Watcher")
 
 CHUNK = 2048
 """Episodes flown at once at most; the histories of more would only cost memory."""
@@ -168,19 +170,34 @@ def batches(episodes: int, most: int, workers: int = 1) -> list[tuple[int, int]]
 
 def fly_batch(scenario: Scenario, policy: Policy, seed: int, first: int, count: int) -> tuple[Scores, float]:
     """The scores of ``count`` episodes of a :class:`Flight` from its ``first`` on, and the seconds per decision."""
-    recorders, thinking = watch(scenario, policy, count, seed, first)
+    recorders, thinking = watch(Recorder, scenario, policy, count, seed, first)
     return Scores.join([recorder.scores() for recorder in recorders]), thinking
 
 
-def watch(scenario: Scenario, policy: Policy, episodes: int, seed: int, first: int = 0) -> tuple[list[Recorder], float]:
+def watch(
+    watcher: Callable[[Simulation], Watcher],
+    scenario: Scenario,
+    policy: Policy,
+    episodes: int,
+    seed: int,
+    first: int = 0,
+) -> tuple[list[Watcher], float]:
     """Fly full episodes at once, seeds ``seed + first …``, those of a :class:`Flight`.
 
+    Args:
+        watcher: makes what watches a tile of the batch from the first step on, such as a :class:`Recorder`.
+        scenario: as of a flight.
+        policy: as of a flight.
+        episodes: how many.
+        seed: as of a flight.
+        first: how many episodes of the flight come before these.
+
     Returns:
-        What happened, in the order of the episodes, and the seconds per decision that the policy took.
+        The watchers, in the order of the episodes, and the seconds per decision that the policy took.
     """
     flown, thinking = scenario.override({**policy.overrides, "episode.early_end": False}), 0.0
     env = LocalisationVectorEnv(episodes, flown, autoreset_mode=AutoresetMode.DISABLED)
-    recorders = [Recorder(tile) for tile in env.batch.tiles]
+    watchers = [watcher(tile) for tile in env.batch.tiles]
     observation, _ = env.reset(seed=seed + first)
     decisions = flown.episode.steps // flown.episode.decision_every
     for decision in range(decisions):
@@ -189,7 +206,7 @@ def watch(scenario: Scenario, policy: Policy, episodes: int, seed: int, first: i
         actions = decide(policy, env, observation, rng)
         thinking += time.perf_counter() - begun
         observation, *_ = env.step(actions)
-    return recorders, thinking / (decisions * episodes)
+    return watchers, thinking / (decisions * episodes)
 
 
 def decide(policy: Policy, env: LocalisationVectorEnv, observation: np.ndarray, rng: np.random.Generator) -> np.ndarray:
