@@ -206,6 +206,9 @@ def watch(
         actions = decide(policy, env, observation, rng)
         thinking += time.perf_counter() - begun
         observation, *_ = env.step(actions)
+    for tile in env.batch.tiles:
+        # A world and its watcher would hold each other, and stay until somebody looks for garbage.
+        tile.watchers.clear()
     return watchers, thinking / (decisions * episodes)
 
 
