@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -170,6 +171,9 @@ def batches(episodes: int, most: int, workers: int = 1) -> list[tuple[int, int]]
 
 def fly_batch(scenario: Scenario, policy: Policy, seed: int, first: int, count: int) -> tuple[Scores, float]:
     """The scores of ``count`` episodes of a :class:`Flight` from its ``first`` on, and the seconds per decision."""
+    if first:
+        # Worlds and what was compiled for them hold each other: those of earlier batches would stay for long.
+        gc.collect()
     recorders, thinking = watch(Recorder, scenario, policy, count, seed, first)
     return Scores.join([recorder.scores() for recorder in recorders]), thinking
 
@@ -206,9 +210,6 @@ def watch(
         actions = decide(policy, env, observation, rng)
         thinking += time.perf_counter() - begun
         observation, *_ = env.step(actions)
-    for tile in env.batch.tiles:
-        # A world and its watcher would hold each other, and stay until somebody looks for garbage.
-        tile.watchers.clear()
     return watchers, thinking / (decisions * episodes)
 
 

@@ -1,0 +1,58 @@
+"""Tasks that other processes import by name."""
+
+import os
+import signal
+from pathlib import Path
+
+from passloc_env.errors import ScenarioError
+
+PLACE = "PASSLOC_TEST_PLACE"
+"""Environment variable with the folder where tasks leave their marks: it reaches every worker."""
+
+
+def square(number):
+    return number * number
+
+
+def who():
+    return os.getpid()
+
+
+def threads():
+    return os.environ.get("OMP_NUM_THREADS")
+
+
+def refuse(number):
+    raise ScenarioError("number", number, "must be another")
+
+
+def fail(number):
+    raise ZeroDivisionError(f"task {number}\nwith a second line")
+
+
+def killed_once(number, mortal):
+    """The square of a number; the mortal number's first worker is killed before it can say so."""
+    mark(f"{number}.{os.getpid()}")
+    if number == mortal and len(marks(f"{number}.*")) == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number * number
+
+
+def killed_always(number):
+    mark(f"{number}.{os.getpid()}")
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def dawdle(number):
+    """Never ends by itself."""
+    mark(f"{number}.{os.getpid()}")
+    while True:
+        signal.pause()
+
+
+def mark(name):
+    (Path(os.environ[PLACE]) / name).touch()
+
+
+def marks(pattern="*"):
+    return sorted(path.name for path in Path(os.environ[PLACE]).glob(pattern))
