@@ -74,17 +74,22 @@ class Recorder:
         period, outcome = simulation.scenario.episode.period, simulation.outcome
         position = simulation.information.dynamics.layout.position
         return Scores(
-            log_range_bound=self.log_range_bound.mean(axis=0),
+            log_range_bound=_mean(self.log_range_bound),
             end_error=self.error[-1],
-            mean_error=self.error.mean(axis=0),
+            mean_error=_mean(self.error),
             time_to_10=time_to(0.10, self.error, period),
             time_to_5=time_to(0.05, self.error, period),
             violated=np.logical_or.reduce(self.violated, axis=0),
             lost=lost(self.error[-1], self.nees[-1]),
             end_position_error=self.error[-1] * outcome.range,
             end_position_bound=root_trace(simulation.information.bound, position),
-            mean_nees=self.nees.mean(axis=0),
+            mean_nees=_mean(self.nees),
         )
+
+
+def _mean(history: Array) -> Array:
+    """Mean over time ``(N,)`` of ``(steps, N)``, in the order of time: NumPy sums a single episode in another one."""
+    return sum(history, start=np.zeros(history.shape[1])) / len(history)
 
 
 class Flight(NamedTuple):
@@ -164,8 +169,8 @@ def fly_all(
 
 
 def batches(episodes: int, most: int, workers: int = 1) -> list[tuple[int, int]]:
-    """First episode and number of episodes of batches of about one size, one for each worker at least."""
-    size = min(most, math.ceil(episodes / workers))
+    """First episode and number of episodes of batches of about one size, as many for each worker."""
+    size = math.ceil(episodes / (workers * math.ceil(episodes / (workers * most))))
     return [(first, min(size, episodes - first)) for first in range(0, episodes, size)]
 
 

@@ -64,27 +64,24 @@ def _keep_to(settings: dict[str, Any], study: optuna.Study, path: Path) -> None:
         raise InputError(f"{path} is a search with other {', '.join(other)}: name another folder with --out")
 
 
-def ask(study: optuna.Study, seed: int, first: dict[str, Any], count: int = 1) -> list[optuna.Trial]:
-    """The next trials.
+def ask(study: optuna.Study, seed: int, first: dict[str, Any], beside: int = 0) -> optuna.Trial:
+    """The next trial, whose suggestions are to be taken before another one is asked for.
 
-    Their suggestions follow from the seed and the trials that were brought to an end: a search that is interrupted and
-    taken up again comes to what it would have come to in one go.
+    They follow from the seed and the trials that were brought to an end: a search that is interrupted and taken up
+    again comes to what it would have come to in one go.
 
     Args:
         study: what has been tried.
         seed: of the search.
         first: the suggestions to begin with.
-        count: how many trials; none of them knows what comes of the others.
+        beside: how many trials have been asked for and not yet been told of.
     """
-    done = len(study.get_trials(deepcopy=False, states=_DONE))
+    done = len(study.get_trials(deepcopy=False, states=_DONE)) + beside
     if not done and not study.get_trials(deepcopy=False, states=(TrialState.WAITING,)):
         study.enqueue_trial(first)
-    asked = []
-    for number in range(done, done + count):
-        drawn = np.random.SeedSequence((seed, number)).generate_state(1)
-        study.sampler = optuna.samplers.TPESampler(seed=int(drawn[0]))
-        asked.append(study.ask())
-    return asked
+    drawn = np.random.SeedSequence((seed, done)).generate_state(1)
+    study.sampler = optuna.samplers.TPESampler(seed=int(drawn[0]))
+    return study.ask()
 
 
 def completed(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:

@@ -61,8 +61,10 @@ def tune(arguments: Tune) -> Path:
     ):
         task = bar.add_task(f"searching on {scenario.name}", total=arguments.trials)
         for begun in range(0, arguments.trials, engine.workers):
-            trials = ask(study, arguments.seed, unchanged(base), min(engine.workers, arguments.trials - begun))
-            calls = [(scenario, suggest(trial, base), arguments, completed(study)) for trial in trials]
+            trials, calls = list[optuna.Trial](), []
+            for beside in range(min(engine.workers, arguments.trials - begun)):
+                trials.append(ask(study, arguments.seed, unchanged(base), beside))
+                calls.append((scenario, suggest(trials[-1], base), arguments, completed(study)))
             tried: dict[int, Tried] = {}
             for index, came_of_it in engine.map(_try, calls):
                 tried[index] = came_of_it
