@@ -2,8 +2,10 @@
 
 import os
 import signal
+from dataclasses import dataclass
 from pathlib import Path
 
+from agents import Circle
 from passloc_env.errors import ScenarioError
 
 PLACE = "PASSLOC_TEST_PLACE"
@@ -48,6 +50,19 @@ def dawdle(number):
     mark(f"{number}.{os.getpid()}")
     while True:
         signal.pause()
+
+
+@dataclass(frozen=True)
+class MortalCircle(Circle):
+    """A circle whose first flight anywhere but in one process kills its worker half-way."""
+
+    spared: int = 0
+
+    def act(self, observation, belief, rng):
+        if os.getpid() != self.spared and belief.time[0] > 0.0 and not marks("killed"):
+            mark("killed")
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().act(observation, belief, rng)
 
 
 def mark(name):

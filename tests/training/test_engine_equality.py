@@ -2,12 +2,16 @@
 
 import dataclasses
 import json
+import os
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3")
+
+from work_for_engines import PLACE, MortalCircle, marks
 
 from agents import AgentFile, find_policy
 from passloc_env import SCENARIOS
@@ -17,7 +21,7 @@ from training.candidate import Candidate, train_missing
 from training.commands import Leaderboard, Tune
 from training.commands.fields import Work
 from training.curve import read_curve
-from training.engines import ALONE
+from training.engines import ALONE, opened
 from training.engines.local import Local
 from training.evaluate import evaluate
 from training.hyperparameters import Hyperparameters
@@ -193,15 +197,16 @@ def test_tune(tmp_path, monkeypatch, two):
     assert there.cost is not None
 
 
-def test_ray():
-    """A cluster of this machine alone."""
-    pytest.importorskip("ray")
-    from training.engines.ray import Ray
-
-    engine = Ray(2)
-    try:
-        policies = [find_policy(name, SHORT) for name in ("circle", "random", "learned")]
-        expected = evaluate(SHORT, policies, EPISODES, SEED)
+@pytest.mark.parametrize("name", ["local", "ray"])
+def test_a_worker_killed_in_an_evaluation_changes_nothing(name, tmp_path, monkeypatch):
+    if name == "ray":
+        pytest.importorskip("ray")
+    monkeypatch.setenv(PLACE, str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    mortal = MortalCircle(spared=os.getpid())
+    policies = [mortal, *(find_policy(name, SHORT) for name in ("random", "learned"))]
+    expected = evaluate(SHORT, policies, EPISODES, SEED)
+    assert marks() == []
+    with opened(Work(engine=name, workers=2)) as engine:
         same_scores(evaluate(SHORT, policies, EPISODES, SEED, engine=engine).scores, expected.scores)
-    finally:
-        engine.close()
+    assert marks() == ["killed"]
