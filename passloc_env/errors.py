@@ -49,7 +49,7 @@ class ActionError(InputError):
 
 
 class WorkerError(RuntimeError):
-    """A process that held part of a batch is gone."""
+    """A process that did part of the work is gone, or could not do it."""
 
 
 class RenderError(RuntimeError):

@@ -24,6 +24,7 @@ EXTRAS = {
             "tyro",
         }
     ),
+    "distributed": frozenset({"ray"}),
     "export": frozenset({"pyarrow", "stonesoup"}),
     "render": frozenset({"PIL", "imageio_ffmpeg", "jinja2", "matplotlib", "plotly", "pygame"}),
 }

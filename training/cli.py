@@ -6,7 +6,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-from passloc_env.errors import InputError, RenderError
+from passloc_env.errors import InputError, RenderError, WorkerError
 from training.commands import COMMANDS, Asked
 from training.parsing import PROGRAM, parse
 
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _answer(words[0], parse(words[0], words[1:]))
     except KeyboardInterrupt:
         return _say(f"interrupted; {_what_is_saved()}", _INTERRUPTED)
-    except (InputError, RenderError, OSError) as error:
+    except (InputError, RenderError, WorkerError, OSError) as error:
         return _say(str(error), _REFUSED)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
 import math
 import sys
@@ -20,9 +19,11 @@ from passloc_env.models import state_layout
 from passloc_env.scenario import Scenario
 from training.arguments import at_least_one, check_seed
 from training.commands import EVALUATION_SEED
-from training.episodes import Scores, fly
+from training.engines import ALONE, Engine
+from training.episodes import Flight, Scores, fly_all, fly_batch
 from training.files import json_text, write_whole
 from training.provenance import provenance
+from training.results import Results, ScoresOnDisk, opened_results
 from training.statistics import Bootstrap, Estimate, chi_square_band, rate, root_mean_square
 
 
@@ -65,7 +66,7 @@ class Evaluation:
     verdicts: list[Verdict]
     anees_band: tuple[float, float]
     """95 % band of the ANEES of a consistent tracker, counting each episode's end as one sample."""
-    scores: dict[str, Scores] = field(repr=False, default_factory=dict)
+    scores: Mapping[str, Scores] = field(repr=False, default_factory=dict)
     asked: tuple[str, ...] = ()
     """What :func:`agents.find_policy` was asked for, policy by policy; empty where it was not."""
     origin: dict[str, Any] = field(repr=False, default_factory=lambda: provenance(sys.argv))
@@ -147,6 +148,8 @@ def evaluate(
     episodes: int = 512,
     seed: int = EVALUATION_SEED,
     progress: Callable[[str, int], None] = lambda policy, done: None,
+    engine: Engine = ALONE,
+    folder: Path | None = None,
 ) -> Evaluation:
     """Fly every policy through the same episodes and compare.
 
@@ -156,22 +159,53 @@ def evaluate(
         episodes: how many, with seeds ``seed, seed + 1, …``.
         seed: of the first episode.
         progress: called with a policy's name and the number of its episodes just finished.
+        engine: where they are flown.
+        folder: where the scores of every episode are kept as they come; what is there is not flown again, and the
+            scores are read from there whenever they are needed. By default they are kept in memory.
 
     Raises:
-        InputError: fewer than one episode, or a negative seed.
+        InputError: fewer than one episode, a negative seed, or a folder that cannot be used.
     """
     at_least_one(episodes=episodes)
     check_seed(seed)
     names = unique([policy.name for policy in policies])
-    scores: dict[str, Scores] = {}
-    seconds: dict[str, float] = {}
-    for name, policy in zip(names, policies, strict=True):
-        scores[name], seconds[name] = fly(scenario, policy, episodes, seed, functools.partial(progress, name))
-    return compare(scenario, scores, seconds, seed)
+    if folder is not None:
+        with opened_results(folder, scenario, names, policies, episodes, seed) as results:
+            _fly_missing(results, scenario, dict(zip(names, policies, strict=True)), progress, engine)
+            seconds = {name: results.seconds(name) for name in names}
+            return compare(scenario, ScoresOnDisk(results), seconds, seed)
+    flights = [Flight(scenario, policy, episodes, seed) for policy in policies]
+    flown: dict[str, tuple[Scores, float]] = {}
+    for number, of_all, thinking in fly_all(flights, lambda number, done: progress(names[number], done), engine):
+        flown[names[number]] = of_all, thinking
+    scores = {name: flown[name][0] for name in names}
+    return compare(scenario, scores, {name: flown[name][1] for name in names}, seed)
+
+
+def _fly_missing(
+    results: Results,
+    scenario: Scenario,
+    policies: Mapping[str, Policy],
+    progress: Callable[[str, int], None],
+    engine: Engine,
+) -> None:
+    """Fly the batches that are not kept yet, and keep each as it comes."""
+    missing = []
+    for name in policies:
+        for first, count in results.batches:
+            if results.path(name, first).exists():
+                progress(name, count)
+            else:
+                missing.append((name, first, count))
+    tasks = [(scenario, policies[name], results.seed, first, count) for name, first, count in missing]
+    for task, (scores, seconds) in engine.map(fly_batch, tasks):
+        name, first, count = missing[task]
+        results.keep(name, first, scores, seconds)
+        progress(name, count)
 
 
 def compare(
-    scenario: Scenario, scores: dict[str, Scores], seconds: Mapping[str, float], seed: int = EVALUATION_SEED
+    scenario: Scenario, scores: Mapping[str, Scores], seconds: Mapping[str, float], seed: int = EVALUATION_SEED
 ) -> Evaluation:
     """The evaluation that follows from episodes flown now or earlier.
 
@@ -182,11 +216,12 @@ def compare(
         seed: of the first episode.
     """
     names = list(scores)
-    episodes = len(scores[names[0]].log_range_bound)
+    reference = scores[names[0]]
+    episodes = len(reference.log_range_bound)
     bootstrap = Bootstrap(episodes)
     tracked, true = (state_layout(scenario, motion) for motion in (scenario.tracker.motion, scenario.target.motion))
     states = len(tracked.shared_rows(true))
-    verdicts = [_judge(name, scores[name], scores[names[0]], seconds[name], states, bootstrap) for name in names]
+    verdicts = [_judge(name, scores[name], reference, seconds[name], states, bootstrap) for name in names]
     band = chi_square_band(states * episodes)
     return Evaluation(scenario, episodes, seed, names[0], verdicts, band, scores)
 

@@ -14,7 +14,7 @@ from typing import Any
 import tyro
 
 from passloc_env.errors import InputError
-from training.commands import COMMANDS, Output
+from training.commands import COMMANDS
 
 PROGRAM = "passloc"
 
@@ -59,8 +59,13 @@ def described(takes: type) -> str:
 
 def options(takes: type) -> list[str]:
     """The options of a command, as they are typed."""
-    fields = [*dataclasses.fields(takes), *dataclasses.fields(Output)]
-    return [f"--{field.name.replace('_', '-')}" for field in fields if field.name != "output"]
+    fields = [part for field in dataclasses.fields(takes) for part in _parts(field)]
+    return [f"--{field.name.replace('_', '-')}" for field in fields]
+
+
+def _parts(field: dataclasses.Field[Any]) -> Sequence[dataclasses.Field[Any]]:
+    """A field, or those of the group that it stands for."""
+    return dataclasses.fields(field.default) if dataclasses.is_dataclass(field.default) else (field,)
 
 
 def _closest(word: str, known: Iterable[str]) -> str:

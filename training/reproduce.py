@@ -7,6 +7,7 @@ import time
 from passloc_env.errors import InputError
 from training.arguments import check_seed, writable_folder
 from training.commands import Reproduce
+from training.engines import opened
 from training.papers.catalogue import find_papers
 from training.papers.page import check_others, collect, save
 from training.papers.reproduction import Reproduction
@@ -24,14 +25,15 @@ def reproduce(arguments: Reproduce) -> list[Reproduction]:
     check_others(arguments.out, papers)
     writable_folder(arguments.out)
     finished = []
-    for number, paper in enumerate(papers, 1):
-        console.print(f"{number}/{len(papers)} {paper.name}: {paper.subject}", highlight=False)
-        begun = time.perf_counter()
-        reproduction = Reproduction(paper.name, arguments.out, arguments.runs, arguments.seed)
-        paper.reproduce(reproduction)
-        save(reproduction, arguments.out, _command(arguments, paper.name))
-        _print(reproduction, time.perf_counter() - begun)
-        finished.append(reproduction)
+    with opened(arguments.work) as engine:
+        for number, paper in enumerate(papers, 1):
+            console.print(f"{number}/{len(papers)} {paper.name}: {paper.subject}", highlight=False)
+            begun = time.perf_counter()
+            reproduction = Reproduction(paper.name, arguments.out, arguments.runs, arguments.seed, engine)
+            paper.reproduce(reproduction)
+            save(reproduction, arguments.out, _command(arguments, paper.name))
+            _print(reproduction, time.perf_counter() - begun)
+            finished.append(reproduction)
     for path in collect(arguments.out):
         console.print(f"{path}", highlight=False, soft_wrap=True)
     return finished

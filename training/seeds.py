@@ -19,6 +19,7 @@ from training.candidate import Candidate, train_missing
 from training.card import reference_of
 from training.commands import Seeds
 from training.curve import read_curve
+from training.engines import opened
 from training.evaluate import Evaluation
 from training.files import write_whole
 from training.hyperparameters import Hyperparameters
@@ -43,9 +44,11 @@ def seeds(arguments: Seeds) -> Path:
     scenario = find(arguments.scenario)
     at_least_one(episodes=arguments.episodes)
     candidates = _candidates(scenario, arguments)
-    train_missing(candidates, arguments.out)
     rule = find_policy(reference_of(scenario), scenario)
-    evaluation = judge(scenario, [rule, *(candidate.policy for candidate in candidates)], arguments.episodes)
+    with opened(arguments.work) as engine:
+        train_missing(candidates, arguments.out, engine)
+        policies = [rule, *(candidate.policy for candidate in candidates)]
+        evaluation = judge(scenario, policies, arguments.episodes, engine=engine)
     stem = arguments.out / scenario.name
     evaluation.save(stem.with_suffix(".json"))
     curves = {candidate.name: read_curve(candidate.folder / "curve.csv") for candidate in candidates}

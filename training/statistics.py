@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray
+from passloc_env.arrays import Array, BoolArray, IntArray
 
 RESAMPLES = 2000
 _SEED = 20_000
+_AT_ONCE = 1 << 20
+"""Values resampled at once: memory does not grow with the number of episodes."""
+
 _NORMAL_975 = 1.959963984540054
 
 
@@ -37,16 +40,23 @@ class Bootstrap:
     """
 
     def __init__(self, episodes: int, resamples: int = RESAMPLES) -> None:
-        self._indices = np.random.default_rng(_SEED).integers(episodes, size=(resamples, episodes))
+        self._episodes, self._resamples = episodes, resamples
 
     def estimate(self, values: Array, statistic: Callable[..., Array] = np.mean) -> Estimate:
         """A statistic of per-episode values ``(episodes,)`` with its percentile interval.
 
-        ``statistic(values, axis=…)`` is called once on the values and once on all resamples ``(resamples, episodes)``.
+        ``statistic(values, axis=…)`` is called on the values and on resamples ``(k, episodes)``, some at a time.
         """
-        resampled = statistic(values[self._indices], axis=1)
+        resampled = np.concatenate([statistic(values[indices], axis=1) for indices in self._drawn()])
         low, high = np.percentile(resampled, [2.5, 97.5])
         return Estimate(float(statistic(values, axis=0)), float(low), float(high))
+
+    def _drawn(self) -> Iterator[IntArray]:
+        """Episodes of the resamples ``(k, episodes)``, always the same ones, some resamples at a time."""
+        rng = np.random.default_rng(_SEED)
+        rows = max(1, _AT_ONCE // self._episodes)
+        for first in range(0, self._resamples, rows):
+            yield rng.integers(self._episodes, size=(min(rows, self._resamples - first), self._episodes))
 
 
 def rate(events: BoolArray) -> Estimate:

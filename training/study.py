@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ _HOPELESS, _FAIR_TRIALS = 75.0, 5
 
 
 @contextmanager
-def opened_study(path: Path, settings: dict[str, Any], decisions: int) -> Iterator[optuna.Study]:
+def opened_study(path: Path, settings: dict[str, Any]) -> Iterator[optuna.Study]:
     """A study begun now or earlier; only one search at a time may work on it.
 
     Trials that an interrupted search left running are marked as failed: samplers and pruners pass over those.
@@ -31,16 +31,14 @@ def opened_study(path: Path, settings: dict[str, Any], decisions: int) -> Iterat
         path: the SQLite file.
         settings: all that costs depend on beside the suggestions, as plain data; trials of different settings cannot
             be compared.
-        decisions: how many a whole trial trains for; none is given up in the first half.
 
     Raises:
         InputError: the file is no study, cannot be opened, or holds trials of other settings.
     """
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    pruner = optuna.pruners.PercentilePruner(_HOPELESS, n_startup_trials=_FAIR_TRIALS, n_warmup_steps=decisions // 2)
     try:
         storage = optuna.storages.RDBStorage(URL.create("sqlite", database=str(path)).render_as_string())
-        study = optuna.create_study(storage=storage, study_name=_NAME, load_if_exists=True, pruner=pruner)
+        study = optuna.create_study(storage=storage, study_name=_NAME, load_if_exists=True)
     except (SQLAlchemyError, optuna.exceptions.OptunaError, RuntimeError) as error:
         reason = str(error).partition("\n")[0]
         raise InputError(f"{path} cannot be used as the memory of a search: {reason}") from None
@@ -66,22 +64,42 @@ def _keep_to(settings: dict[str, Any], study: optuna.Study, path: Path) -> None:
         raise InputError(f"{path} is a search with other {', '.join(other)}: name another folder with --out")
 
 
-def ask(study: optuna.Study, seed: int, first: dict[str, Any]) -> optuna.Trial:
-    """The next trial.
+def ask(study: optuna.Study, seed: int, first: dict[str, Any], beside: int = 0) -> optuna.Trial:
+    """The next trial, whose suggestions are to be taken before another one is asked for.
 
-    Its suggestions follow from the seed and the trials that were brought to an end: a search that is interrupted and
-    taken up again comes to what it would have come to in one go.
+    They follow from the seed and the trials that were brought to an end: a search that is interrupted and taken up
+    again comes to what it would have come to in one go.
 
     Args:
         study: what has been tried.
         seed: of the search.
         first: the suggestions to begin with.
+        beside: how many trials have been asked for and not yet been told of.
     """
-    done = len(study.get_trials(deepcopy=False, states=_DONE))
+    done = len(study.get_trials(deepcopy=False, states=_DONE)) + beside
     if not done and not study.get_trials(deepcopy=False, states=(TrialState.WAITING,)):
         study.enqueue_trial(first)
     drawn = np.random.SeedSequence((seed, done)).generate_state(1)
     study.sampler = optuna.samplers.TPESampler(seed=int(drawn[0]))
+    return study.ask()
+
+
+def completed(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
+    """The trials that have been through, as plain data."""
+    return study.get_trials(states=(TrialState.COMPLETE,))
+
+
+def rehearsed(earlier: Sequence[optuna.trial.FrozenTrial], decisions: int) -> optuna.Trial:
+    """A trial outside any file, which says whether it is to be given up beside those that have been through.
+
+    Args:
+        earlier: as :func:`completed` gives them.
+        decisions: how many a whole trial trains for; none is given up in the first half.
+    """
+    pruner = optuna.pruners.PercentilePruner(_HOPELESS, n_startup_trials=_FAIR_TRIALS, n_warmup_steps=decisions // 2)
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study = optuna.create_study(pruner=pruner)
+    study.add_trials(earlier)
     return study.ask()
 
 

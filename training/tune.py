@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import optuna
 import yaml
@@ -18,13 +18,14 @@ from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
 from training.arguments import at_least_one, check_seed, kept_folder, parse_overrides
 from training.commands import Tune
+from training.engines import opened
 from training.episodes import fly
 from training.files import write_whole
 from training.hyperparameters import Hyperparameters
 from training.progress import console, progress_bar
 from training.score import score_of
 from training.search_space import suggest, unchanged
-from training.study import ask, best_trial, opened_study
+from training.study import ask, best_trial, completed, opened_study, rehearsed
 from training.train import check_training, run
 
 TUNING_SEED = 3_000_000
@@ -54,14 +55,26 @@ def tune(arguments: Tune) -> Path:
     folder = kept_folder(arguments.out or Path("runs") / "tune" / scenario.name)
     best = folder / "best.yaml"
     settings = _settings(scenario, base, arguments)
-    with opened_study(folder / "study.db", settings, base.decisions) as study, progress_bar("trials") as bar:
+    with (
+        opened_study(folder / "study.db", settings) as study,
+        opened(arguments.work) as engine,
+        progress_bar("trials") as bar,
+    ):
         task = bar.add_task(f"searching on {scenario.name}", total=arguments.trials)
-        for _ in range(arguments.trials):
-            trial = ask(study, arguments.seed, unchanged(base))
-            said = _try(study, trial, scenario, base, arguments)
-            console.print(f"trial {trial.number}: {said}", highlight=False, soft_wrap=True)
+        for begun in range(0, arguments.trials, engine.workers):
+            trials, calls = list[optuna.Trial](), []
+            for beside in range(min(engine.workers, arguments.trials - begun)):
+                trials.append(ask(study, arguments.seed, unchanged(base), beside))
+                calls.append((scenario, suggest(trials[-1], base), arguments, completed(study)))
+            tried: dict[int, Tried] = {}
+            for index, came_of_it in engine.map(_try, calls):
+                tried[index] = came_of_it
+                bar.advance(task)
+            # Told together: a search that is interrupted before takes up the same trials again.
+            for index, trial in enumerate(trials):
+                said = _tell(study, trial, tried[index])
+                console.print(f"trial {trial.number}: {said}", highlight=False, soft_wrap=True)
             _write_best(study, base, scenario, best)
-            bar.advance(task)
         found = best_trial(study)
     if found is None:
         console.print("no trial has been through yet", highlight=False)
@@ -85,23 +98,50 @@ def _settings(scenario: Scenario, base: Hyperparameters, arguments: Tune) -> dic
     return restored
 
 
-def _try(study: optuna.Study, trial: optuna.Trial, scenario: Scenario, base: Hyperparameters, arguments: Tune) -> str:
-    """Bring one trial to its end; what came of it, in words."""
+class Tried(NamedTuple):
+    """What came of a trial.
+
+    Attributes:
+        cost: lower is better; None for one that was given up.
+        reason: why it was.
+        on_the_way: costs by the decisions after which they were seen.
+    """
+
+    cost: float | None
+    reason: str
+    on_the_way: dict[int, float]
+
+
+def _try(
+    scenario: Scenario, parameters: Hyperparameters, arguments: Tune, earlier: Sequence[optuna.trial.FrozenTrial]
+) -> Tried:
+    """Bring one trial to its end, beside those that have been through."""
+    trial, on_the_way = rehearsed(earlier, parameters.decisions), dict[int, float]()
 
     def watch(row: dict[str, float]) -> None:
         # The search minimises, so pruners take what is reported for a cost.
-        trial.report(-row["mean_return"], step=int(row["decisions"]))
+        decisions = int(row["decisions"])
+        on_the_way[decisions] = -row["mean_return"]
+        trial.report(on_the_way[decisions], decisions)
         if trial.should_prune():
-            raise optuna.TrialPruned(f"in the worst quarter after {row['decisions']:,.0f} decisions")
+            raise optuna.TrialPruned(f"in the worst quarter after {decisions:,} decisions")
 
     try:
-        cost = _cost(scenario, suggest(trial, base), arguments, watch)
+        return Tried(_cost(scenario, parameters, arguments, watch), "", on_the_way)
     except (optuna.TrialPruned, ValueError) as error:
         # A diverging learner ends as a ValueError of its normal distribution; to the sampler it counts as the worst.
+        return Tried(None, str(error).partition("\n")[0], on_the_way)
+
+
+def _tell(study: optuna.Study, trial: optuna.Trial, tried: Tried) -> str:
+    """Write down what came of a trial; the same in words."""
+    for decisions, cost in tried.on_the_way.items():
+        trial.report(cost, decisions)
+    if tried.cost is None:
         study.tell(trial, state=TrialState.PRUNED)
-        return f"given up: {str(error).partition(chr(10))[0]}"
-    study.tell(trial, cost)
-    return f"{cost:.3f}"
+        return f"given up: {tried.reason}"
+    study.tell(trial, tried.cost)
+    return f"{tried.cost:.3f}"
 
 
 def _cost(

@@ -124,6 +124,6 @@ def test_other_errors_propagate(monkeypatch: pytest.MonkeyPatch, error: Exceptio
 @pytest.mark.parametrize("extra", launcher.EXTRAS)
 def test_module_names_agree_with_the_declared_extra(extra: str) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    other_names = {"pygame_ce": "pygame", "pillow": "PIL"}
+    other_names = {"pygame_ce": "pygame", "pillow": "PIL", "ray[default]": "ray"}
     declared = [text.partition(">")[0].replace("-", "_") for text in project["optional-dependencies"][extra]]
     assert {other_names.get(name, name) for name in declared} == launcher.EXTRAS[extra]

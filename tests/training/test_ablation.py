@@ -138,12 +138,12 @@ def test_an_interrupted_ablation_goes_on(arguments, tmp_path, monkeypatch, count
     cut = dataclasses.replace(arguments, out=tmp_path / "cut")
     run = candidate_module.run
 
-    def interrupt(scenario, parameters, folder, seed):
+    def interrupt(scenario, parameters, folder, seed, quiet):
         if len(counted) == 2:
             (folder / "curve.csv").write_text("half", encoding="utf-8")
             (folder / "stale").write_text("half", encoding="utf-8")
             raise KeyboardInterrupt
-        return run(scenario, parameters, folder, seed)
+        return run(scenario, parameters, folder, seed, quiet)
 
     with monkeypatch.context() as patch:
         patch.setattr(candidate_module, "run", interrupt)

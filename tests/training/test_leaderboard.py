@@ -313,25 +313,25 @@ def test_the_best_knows_no_more_than_it_may(tiny_board):
 def test_goes_on_where_it_stopped(tiny_board, monkeypatch):
     """After an interruption only what is missing is flown; a finished board flies nothing; afresh, everything."""
     flown = []
-    real = Store.flown
+    real = Store.keep
 
-    def counted(self, variant, entrant, progress=lambda done: None):
+    def counted(self, variant, entrant, scores, seconds):
         if len(flown) == 3:
             raise KeyboardInterrupt
         flown.append((variant.name, entrant.name))
-        return real(self, variant, entrant, progress)
+        real(self, variant, entrant, scores, seconds)
 
-    monkeypatch.setattr(Store, "flown", counted)
+    monkeypatch.setattr(Store, "keep", counted)
     with pytest.raises(KeyboardInterrupt):
         leaderboard(tiny_board)
     assert not (tiny_board.out / "index.md").exists()
     first, flown[:] = list(flown), [None]
 
-    def watched(self, variant, entrant, progress=lambda done: None):
+    def watched(self, variant, entrant, scores, seconds):
         flown.append((variant.name, entrant.name))
-        return real(self, variant, entrant, progress)
+        real(self, variant, entrant, scores, seconds)
 
-    monkeypatch.setattr(Store, "flown", watched)
+    monkeypatch.setattr(Store, "keep", watched)
     page = leaderboard(tiny_board).read_text(encoding="utf-8")
     rest = flown[1:]
     assert len(first) == 3
@@ -367,7 +367,7 @@ def test_the_optimum_keeps_its_paths(tiny_board):
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )
 def test_faults_are_one_line_and_nothing_is_flown(refused, words, hint, monkeypatch):
-    monkeypatch.setattr(Store, "flown", lambda *arguments: pytest.fail("flown before looking"))
+    monkeypatch.setattr(board, "fly_all", lambda *arguments: pytest.fail("flown before looking"))
     Path("file").write_text("", encoding="utf-8")
     assert hint in refused("leaderboard", *words)
     assert not Path("docs/leaderboard/index.md").exists()

@@ -49,9 +49,9 @@ def trained(monkeypatch):
     found = []
     run = candidate_module.run
 
-    def counting(scenario, parameters, folder, seed):
+    def counting(scenario, parameters, folder, seed, quiet):
         found.append(seed)
-        return run(scenario, parameters, folder, seed)
+        return run(scenario, parameters, folder, seed, quiet)
 
     monkeypatch.setattr(candidate_module, "run", counting)
     return found

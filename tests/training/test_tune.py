@@ -15,7 +15,7 @@ from rich.console import Console
 from passloc_env import ScenarioError
 from passloc_env.errors import InputError
 from training import tune as tune_module
-from training.commands import Train, Tune
+from training.commands import Output, Train, Tune
 from training.hyperparameters import Hyperparameters
 from training.search_space import suggest
 from training.study import opened_study
@@ -82,7 +82,7 @@ def test_a_search_goes_on_and_its_best_can_be_trained(arguments, said):
     assert best.read_text(encoding="utf-8").startswith(f"# Trial {winner.number} of a search on BearingsOnly:")
     assert f"trial 2: {trials[2].value:.3f}\n" in said.getvalue()
     assert f"best so far is trial {winner.number} with {winner.value:.3f}" in said.getvalue()
-    finished = train(Train(hyperparameters=best, override=arguments.override))
+    finished = train(Train(hyperparameters=best, override=arguments.override, output=Output(quiet=True)))
     assert finished.agent.card["training"]["hyperparameters"]["learning_rate"] == parameters.learning_rate
 
 
@@ -238,7 +238,7 @@ def test_the_study_lies_where_it_is_said_to(tmp_path, name):
     folder = tmp_path / name
     folder.mkdir()
     for _ in range(2):
-        with opened_study(folder / "study.db", {"seed": 0}, 10) as study:
+        with opened_study(folder / "study.db", {"seed": 0}) as study:
             assert study.user_attrs == {"seed": 0}
     assert [path.name for path in folder.iterdir()] == ["study.db"]
     assert [path.name for path in tmp_path.iterdir()] == [name]

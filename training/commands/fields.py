@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Protocol, TypeAlias
+from typing import Annotated, Literal, Protocol, TypeAlias
 
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional
@@ -53,3 +53,19 @@ class Asked(Protocol):
 
 Answer: TypeAlias = OmitArgPrefixes[Output]
 """The last field of every command."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """Where the work is done; the results are the same."""
+
+    engine: Literal["local", "ray"] = "local"
+    """Processes of this machine, or a Ray cluster."""
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N", help_behavior_hint="")] = None
+    """Processes at once; by default one, or as many as the cluster has processors."""
+    address: Annotated[str, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")] = ""
+    """The Ray cluster, auto for the one that this machine belongs to; by default one is started here."""
+
+
+Where: TypeAlias = OmitArgPrefixes[Work]
+"""The last field but one of commands whose work can be divided."""

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 from tyro.conf import Positional
 
-from training.commands.fields import EVALUATION_SEED, Answer, Output, Overrides, ScenarioName
+from training.commands.fields import EVALUATION_SEED, Answer, Folder, Output, Overrides, ScenarioName, Where, Work
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,7 @@ class Evaluate:
         passloc evaluate BearingsOnly
         passloc evaluate BearingsOnly --policies circle,zigzag:angle=45:leg=80,runs/BearingsOnly-0 --episodes 1024
         passloc evaluate runs/mine.yaml --json runs/evaluation.json
+        passloc evaluate BearingsOnly --episodes 100000 --policies circle,learned --workers 2 --results runs/episodes
     """
 
     scenario: ScenarioName = "BearingsOnly"
@@ -32,7 +33,10 @@ class Evaluate:
     """Episodes per policy."""
     seed: int = EVALUATION_SEED
     """Seed of the first episode; the others count up from it."""
+    results: Folder = None
+    """Also keep every episode's scores in this folder, as Parquet files; goes on where it stopped."""
     override: Overrides = ()
+    work: Where = Work()
     output: Answer = Output()
 
 
@@ -62,6 +66,7 @@ class Leaderboard:
     """Folder of the results per episode; what is there and was flown in the same way is not flown again."""
     fresh: bool = False
     """Fly everything again, also what is there: after a change of the code."""
+    work: Where = Work()
     output: Answer = Output()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from training.commands.fields import Answer, File, Folder, Output, Overrides, ScenarioName
+from training.commands.fields import Answer, File, Folder, Output, Overrides, ScenarioName, Where, Work
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,8 @@ class Demo:
 class Tune:
     """Search hyperparameters; goes on where it stopped.
 
-    Trials are kept in an SQLite file.
+    Trials are kept in an SQLite file. Several workers try as many at once, and know of the same earlier ones: another
+    number of workers makes another search.
 
     Examples:
         passloc tune BearingsOnly --trials 20
@@ -83,6 +84,7 @@ class Tune:
     out: Folder = None
     """Folder of study.db and best.yaml; by default runs/tune/SCENARIO."""
     override: Overrides = ()
+    work: Where = Work()
     output: Answer = Output()
 
 
@@ -106,6 +108,7 @@ class Seeds:
     """Unseen episodes that each agent is judged by."""
     out: Path = Path("runs/seeds")
     """Folder of the agents, the page and its picture; agents that are there are not trained again."""
+    work: Where = Work()
     output: Answer = Output()
 
 

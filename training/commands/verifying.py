@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from training.commands.fields import Answer, Folder, Output
+from training.commands.fields import Answer, Folder, Output, Where, Work
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class Reproduce:
     """Monte Carlo runs; by default as many as the paper."""
     seed: int = 0
     """Seed of the first run; the others count up from it."""
+    work: Where = Work()
     output: Answer = Output()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -23,6 +22,7 @@ from training.leaderboard.variants import Variant
 from training.optimum import NAME, Settings
 from training.optimum.future import check
 from training.score import END_RMS, score_of
+from training.stamp import stamp
 
 Kind = Literal["rule", "planner", "learned", "truth", "optimum"]
 
@@ -129,7 +129,7 @@ def _entrant(text: str, variant: Variant) -> Entrant:
         check(variant.scenario)
         return Entrant(NAME, "optimum", None, repr(settings(variant)))
     policy = find_policy(text, variant.scenario)
-    return Entrant(policy.name, _kind(text, policy), policy, _stamp(policy))
+    return Entrant(policy.name, _kind(text, policy), policy, stamp(policy))
 
 
 def _kind(text: str, policy: Policy) -> Kind:
@@ -138,17 +138,6 @@ def _kind(text: str, policy: Policy) -> Kind:
     if isinstance(policy, LearnedPolicy):
         return "learned"
     return "rule" if text.split(":")[0] in RULE_NAMES else "planner"
-
-
-def _stamp(policy: Policy) -> str:
-    """A policy in words that change whenever it would decide otherwise."""
-    if not isinstance(policy, LearnedPolicy):
-        return repr(policy)
-    digest = hashlib.sha256()
-    for name, weights in sorted(policy.agent.weights.items()):
-        digest.update(name.encode() + weights.tobytes())
-    card = policy.agent.card
-    return f"agent {digest.hexdigest()} mirror={card.get('mirror')} shield_sigmas={card.get('shield_sigmas')}"
 
 
 def _unique(found: list[Entrant]) -> list[Entrant]:

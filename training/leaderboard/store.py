@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from training.episodes import Scores, fly
+from agents import Policy
+from training.episodes import Flight, Scores, fly
 from training.leaderboard.entrants import Entrant, settings
 from training.leaderboard.variants import Variant
 from training.optimum import optimise
@@ -54,26 +55,32 @@ class Store:
         self, variant: Variant, entrant: Entrant, progress: Callable[[int], None] = lambda done: None
     ) -> tuple[Scores, float]:
         """Scores and seconds per decision, flown now and kept."""
-        policy = entrant.policy
-        if policy is None:
-            seeds = range(self.seed, self.seed + self.episodes)
-            path = self._path(variant, entrant, "paths")
-            path.parent.mkdir(parents=True, exist_ok=True)
-            policy = optimise(
-                variant.scenario, seeds, **vars(settings(variant)), cache=path, progress=progress
-            ).policy()
-            scores, seconds = fly(variant.scenario, policy, self.episodes, self.seed)
+        if entrant.policy is None:
+            flight = self.flight(variant, self._optimum(variant, entrant, progress))
+            scores, seconds = fly(*flight)
         else:
-            scores, seconds = fly(variant.scenario, policy, self.episodes, self.seed, progress)
-        self._keep(variant, entrant, scores, seconds)
+            scores, seconds = fly(*self.flight(variant, entrant.policy), progress)
+        self.keep(variant, entrant, scores, seconds)
         return scores, seconds
+
+    def flight(self, variant: Variant, policy: Policy) -> Flight:
+        """What a policy has to fly."""
+        return Flight(variant.scenario, policy, self.episodes, self.seed)
+
+    def _optimum(self, variant: Variant, entrant: Entrant, progress: Callable[[int], None]) -> Policy:
+        """The paths that a search finds, as a policy."""
+        seeds = range(self.seed, self.seed + self.episodes)
+        path = self._path(variant, entrant, "paths")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return optimise(variant.scenario, seeds, **vars(settings(variant)), cache=path, progress=progress).policy()
 
     def forget(self, variant: Variant, entrant: Entrant) -> None:
         """Remove what is here of a policy."""
         for what in ("scores", "paths"):
             self._path(variant, entrant, what).unlink(missing_ok=True)
 
-    def _keep(self, variant: Variant, entrant: Entrant, scores: Scores, seconds: float) -> None:
+    def keep(self, variant: Variant, entrant: Entrant, scores: Scores, seconds: float) -> None:
+        """Write what a policy has flown; its file appears whole or not at all."""
         path = self._path(variant, entrant, "scores")
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(path.name + ".partial")

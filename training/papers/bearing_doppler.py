@@ -44,7 +44,9 @@ def reproduce(reproduction: Reproduction) -> None:
     runs = reproduction.runs_or(100)
     _transition(reproduction)
     _corollaries(reproduction)
-    histories = {case: run(scenario, runs, reproduction.seed) for case, scenario in CASES.items()}
+    histories = {
+        case: run(scenario, runs, reproduction.seed, engine=reproduction.engine) for case, scenario in CASES.items()
+    }
     _convergence(reproduction, histories)
     _near_circle(reproduction, histories["2b"], runs)
     _unknown_carrier(reproduction)
@@ -222,7 +224,7 @@ def _variant(
         "bound.motion.acceleration_noise": noise,
         "target.motion.acceleration_noise": noise,
     }
-    return name, run(scenario.override(changes), runs, reproduction.seed)
+    return name, run(scenario.override(changes), runs, reproduction.seed, engine=reproduction.engine)
 
 
 def _quiet(reproduction: Reproduction, case: str, runs: int) -> History:

@@ -40,7 +40,10 @@ def fixed_against_moving(
     reproduction: Reproduction, title: str, scenario: Scenario, runs: int, rules: Sequence[str] = MOVING
 ) -> dict[str, History]:
     """Fly a case with the fixed station and with observers that move, and record the table; histories by rule."""
-    histories = {rule: run(scenario, runs, reproduction.seed, rule) for rule in ("stationary", *rules)}
+    histories = {
+        rule: run(scenario, runs, reproduction.seed, rule, engine=reproduction.engine)
+        for rule in ("stationary", *rules)
+    }
     rows = [row(find_policy(rule, scenario).name, history) for rule, history in histories.items()]
     reproduction.table(title, HEADINGS, rows)
     return histories

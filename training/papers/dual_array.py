@@ -107,12 +107,12 @@ Histories = Mapping[Track, History]
 
 def reproduce(reproduction: Reproduction) -> None:
     """Judge every claim of paper 003; by default in 50 runs."""
-    runs, seed = reproduction.runs_or(50), reproduction.seed
+    runs, seed, engine = reproduction.runs_or(50), reproduction.seed, reproduction.engine
     histories = {
-        track: run(track.scenario(), runs * (_MANY if track.aware else 1), seed, extra=_EXTRA)
+        track: run(track.scenario(), runs * (_MANY if track.aware else 1), seed, extra=_EXTRA, engine=engine)
         for track in (PLAIN, AWARE, NEAR, FAR)
     }
-    guesses = {sigma: run(PLAIN.scenario(sigma), runs, seed) for sigma in (300.0, 100.0, 10.0)}
+    guesses = {sigma: run(PLAIN.scenario(sigma), runs, seed, engine=engine) for sigma in (300.0, 100.0, 10.0)}
     _before_the_origin(reproduction, histories[PLAIN])
     _plain_after_the_origin(reproduction, histories[PLAIN], guesses)
     _aware_after_the_origin(reproduction, histories[AWARE])
@@ -332,7 +332,8 @@ def _against_the_bound(reproduction: Reproduction, histories: Histories) -> None
             {f"{model}.motion.acceleration_noise": 0.0 for model in ("tracker", "bound")} | {"episode.steps": 240}
         )
         label = f"{track.label}, no random walk in filter and bound, 480 s"
-        named.append((track, label, run(matched, reproduction.runs_or(50), reproduction.seed)))
+        history = run(matched, reproduction.runs_or(50), reproduction.seed, engine=reproduction.engine)
+        named.append((track, label, history))
     rows = []
     for track, label, history in named:
         ratio = history.efficiency[history.at(_SETTLED) :]

@@ -302,7 +302,10 @@ def _constant_attitude(reproduction: Reproduction, runs: int) -> None:
     case = SCENARIOS["DualSatellite"].override(
         {"target.start": scenario(_BOTH).target.start, "name": "the paper's target, misalignment estimated"}
     )
-    flown = {rule: run(case, runs, reproduction.seed, rule) for rule in ("stationary", "roll", "yaw")}
+    flown = {
+        rule: run(case, runs, reproduction.seed, rule, engine=reproduction.engine)
+        for rule in ("stationary", "roll", "yaw")
+    }
     names = {"stationary": "bodies keep pointing down", "roll": "bodies roll at 2°/s", "yaw": "bodies yaw at 2°/s"}
     rows = [("misalignment ignored", f"{1e3 * end.value:.0f}", "–", "–", f"{pulses.tracked.nees[-1].mean() / 6.0:.3g}")]
     for rule, history in flown.items():

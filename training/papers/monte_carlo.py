@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from agents import Policy, find_policy
 from passloc_env.arrays import Array
 from passloc_env.metrics import lost, root_trace
 from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
-from passloc_env.vector_env import LocalisationVectorEnv
-from training.episodes import decide
+from training.engines import ALONE, Engine
+from training.episodes import CHUNK, batches, watch
 from training.statistics import Bootstrap, Estimate, chi_square_band, root_mean_square
 
 Quantity = Callable[[Simulation], Array]
@@ -126,45 +125,71 @@ def run(
     policy: str | Policy = "stationary",
     every: int = 1,
     extra: Mapping[str, Quantity] | None = None,
+    engine: Engine = ALONE,
 ) -> History:
     """Fly whole episodes of a scenario and keep their histories; nothing ends early.
 
     Args:
         scenario: the problem.
-        runs: how many, in one batch.
+        runs: how many.
         seed: of the first run; the others count up from it.
         policy: who moves the observer, by default nobody.
         every: keep each so many sensor steps.
-        extra: further quantities to keep.
+        extra: further quantities to keep, functions that a module holds by name.
+        engine: where the runs are flown.
     """
     flown_by = find_policy(policy, scenario) if isinstance(policy, str) else policy
-    flown = scenario.override({**flown_by.overrides, "episode.early_end": False})
-    env = LocalisationVectorEnv(runs, flown, autoreset_mode=AutoresetMode.DISABLED)
-    quantities = {**_ALWAYS, **(extra or {}), "time": lambda simulation: simulation.time}
-    kept: list[dict[str, list[Array]]] = [{name: [] for name in quantities} for _ in env.batch.tiles]
-    for tile, record in zip(env.batch.tiles, kept, strict=True):
-        tile.watchers.append(partial(_keep, record, quantities, every))
-    observation, _ = env.reset(seed=seed)
-    rng = np.random.default_rng(seed)
-    for _ in range(flown.episode.steps // flown.episode.decision_every):
-        observation, *_ = env.step(decide(flown_by, env, observation, rng))
-    stacked: dict[str, Any] = {
-        name: np.concatenate([np.stack(record[name]) for record in kept], axis=1) for name in quantities
-    }
-    models = env.batch.tiles[0].models
-    shared = models.tracker.layout.shared_rows(models.truth.layout)
+    tasks = [
+        (scenario, flown_by, seed, first, count, every, dict(extra or {}))
+        for first, count in batches(runs, CHUNK, engine.workers)
+    ]
+    parts = [part for _, part in sorted(engine.map(_fly, tasks), key=lambda numbered: numbered[0])]
+    joined = {name: np.concatenate([part.kept[name] for part in parts], axis=1) for name in (*_ALWAYS, *(extra or {}))}
     return History(
-        time=stacked["time"][:, 0],
-        states=len(shared),
-        extra={name: stacked[name] for name in extra or {}},
-        **{name: stacked[name] for name in _ALWAYS},
+        time=parts[0].time,
+        states=parts[0].states,
+        extra={name: joined[name] for name in extra or {}},
+        **{name: joined[name] for name in _ALWAYS},
     )
 
 
-def _keep(
-    record: dict[str, list[Array]], quantities: Mapping[str, Quantity], every: int, simulation: Simulation
-) -> None:
-    """Add what there is to keep after a sensor step of one tile of the batch."""
-    if simulation.step_count[0] % every == 0:
-        for name, quantity in quantities.items():
-            record[name].append(quantity(simulation))
+class _Part(NamedTuple):
+    """What some of the runs came to: the instants ``(K,)``, s, the shared states, the quantities ``(K, n)``."""
+
+    time: Array
+    states: int
+    kept: dict[str, Array]
+
+
+def _fly(
+    scenario: Scenario,
+    policy: Policy,
+    seed: int,
+    first: int,
+    count: int,
+    every: int,
+    extra: Mapping[str, Quantity],
+) -> _Part:
+    """Runs ``first …`` of those that begin with ``seed``."""
+    quantities = {**_ALWAYS, **extra}
+    keepers, _ = watch(partial(_Keeper, quantities, every), scenario, policy, count, seed, first)
+    kept = {name: np.concatenate([np.stack(keeper.kept[name]) for keeper in keepers], axis=1) for name in quantities}
+    return _Part(np.array(keepers[0].time), keepers[0].states, kept)
+
+
+class _Keeper:
+    """Keeps what there is to keep after a sensor step of one tile of the batch."""
+
+    def __init__(self, quantities: Mapping[str, Quantity], every: int, simulation: Simulation) -> None:
+        self._quantities, self._every = quantities, every
+        self.time: list[float] = []
+        self.kept: dict[str, list[Array]] = {name: [] for name in quantities}
+        models = simulation.models
+        self.states = len(models.tracker.layout.shared_rows(models.truth.layout))
+        simulation.watchers.append(self._keep)
+
+    def _keep(self, simulation: Simulation) -> None:
+        if simulation.step_count[0] % self._every == 0:
+            self.time.append(simulation.time[0])
+            for name, quantity in self._quantities.items():
+                self.kept[name].append(quantity(simulation))

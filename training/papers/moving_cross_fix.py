@@ -50,7 +50,7 @@ def reproduce_in_the_environment(reproduction: Reproduction, positive_row: tuple
         trials: how many trials that row has.
     """
     episodes = min(trials, _EPISODES)
-    error = run(one_look(), episodes, reproduction.seed).error[-1] / SIDE
+    error = run(one_look(), episodes, reproduction.seed, engine=reproduction.engine).error[-1] / SIDE
     shares = [rate(error <= limit) for limit in LIMITS]
     # Five standard deviations of the difference of two shares: by chance less than once in a million.
     room = 5.0 * np.sqrt(0.25 / episodes + 0.25 / trials)
@@ -68,10 +68,11 @@ def reproduce_in_the_environment(reproduction: Reproduction, positive_row: tuple
 def _fixed_against_moving(reproduction: Reproduction, runs: int) -> None:
     scenario = SCENARIOS["CrossFix"]
     plain = scenario.override({"tracker": _PLAIN})
-    rows = [_row("stationary, the paper's fix", run(plain, runs, reproduction.seed), runs)]
+    published = run(plain, runs, reproduction.seed, engine=reproduction.engine)
+    rows = [_row("stationary, the paper's fix", published, runs)]
     ends: dict[str, Array] = {}
     for rule in _RULES:
-        history = run(scenario, runs, reproduction.seed, rule)
+        history = run(scenario, runs, reproduction.seed, rule, engine=reproduction.engine)
         ends[rule] = history.error[-1] / SIDE
         rows.append(_row(find_policy(rule, scenario).name, history, runs))
     headings = ("vehicles", *(f"{looks} look{'s' * (looks > 1)}" for looks in _LOOKS), "[95 %] at the end")

@@ -85,11 +85,11 @@ def reproduce(reproduction: Reproduction) -> None:
     _three_accelerations(reproduction)
     _two_looks(reproduction)
 
-    runs, seed = reproduction.runs_or(100), reproduction.seed
+    runs, seed, engine = reproduction.runs_or(100), reproduction.seed, reproduction.engine
     settings = [Setting(angle, speed) for angle, speed in product(_ANGLES, _SPEEDS)]
     leaving = [Setting(angle, speed, receding=True) for angle, speed in product(_ANGLES, _SPEEDS)]
-    paper = {setting: run(setting.scenario(), runs, seed) for setting in settings}
-    long = {setting: run(setting.scenario(_LONG), runs, seed) for setting in (*settings, *leaving)}
+    paper = {setting: run(setting.scenario(), runs, seed, engine=engine) for setting in settings}
+    long = {setting: run(setting.scenario(_LONG), runs, seed, engine=engine) for setting in (*settings, *leaving)}
     _blind(reproduction, paper, long)
     _converging(reproduction, paper, long)
     _orders(reproduction, paper, long)

@@ -16,6 +16,7 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 
+from training.engines import ALONE, Engine
 from training.statistics import Estimate
 
 
@@ -71,12 +72,14 @@ class Reproduction:
         folder: where figures go.
         runs: Monte Carlo runs asked for; None for the paper's own number.
         seed: of the first run; the others count up from it.
+        engine: where the runs are flown.
     """
 
     paper: str
     folder: Path
     runs: int | None = None
     seed: int = 0
+    engine: Engine = ALONE
     claims: list[Claim] = field(default_factory=list)
     figures: list[Figure] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)

@@ -10,7 +10,7 @@ import numpy as np
 from agents import Policy
 from passloc_env.arrays import Array
 from passloc_env.scenario import Scenario
-from training.episodes import watch
+from training.episodes import Recorder, watch
 
 EPISODES = 200
 """Episodes that a curve is the median of, at most."""
@@ -42,7 +42,7 @@ def error_curves(scenario: Scenario, policies: Mapping[str, Policy], episodes: i
 
 
 def _curve(scenario: Scenario, policy: Policy, episodes: int, seed: int) -> ErrorCurve:
-    recorders, _ = watch(scenario, policy, episodes, seed)
+    recorders, _ = watch(Recorder, scenario, policy, episodes, seed)
     error, log_bound = (
         np.concatenate([getattr(recorder, name) for recorder in recorders], axis=1)
         for name in ("error", "log_range_bound")

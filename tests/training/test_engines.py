@@ -1,0 +1,226 @@
+"""Engines: every task is done once whatever happens to a worker, and where it was done changes nothing."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from work_for_engines import (
+    PLACE,
+    fail,
+    killed_always,
+    killed_once,
+    marks,
+    refuse,
+    square,
+    threads,
+    who,
+)
+
+from passloc_env.errors import InputError, WorkerError
+from training.commands.fields import Work
+from training.engines import ALONE, ATTEMPTS, opened
+from training.engines.local import Local
+
+ROOT = Path(__file__).parents[2]
+NUMBERS = [(number,) for number in range(7)]
+SQUARES = {number: number * number for (number,) in NUMBERS}
+
+
+@pytest.fixture(scope="module")
+def local():
+    """Two processes; tests that break them find new ones."""
+    engine = Local(2)
+    yield engine
+    engine.close()
+
+
+@pytest.fixture(scope="module", params=["alone", "local", "ray"])
+def engine(request, local):
+    if request.param == "alone":
+        yield ALONE
+        return
+    if request.param == "local":
+        yield local
+        return
+    pytest.importorskip("ray")
+    # Workers look for the tests' own modules where this process does.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+        with opened(Work(engine="ray", workers=2)) as cluster:
+            yield cluster
+
+
+@pytest.fixture(params=["local", "ray"])
+def elsewhere(request, local, place):
+    """An engine that begins under the place's environment, which its workers get."""
+    if request.param == "local":
+        local.close()
+        yield local
+        return
+    ray = pytest.importorskip("ray")
+    ray.shutdown()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+        with opened(Work(engine="ray", workers=2)) as cluster:
+            yield cluster
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.setenv(PLACE, str(tmp_path))
+    return tmp_path
+
+
+def alive(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def wait_for(condition):
+    """Until something is so; a test that waits a minute for it fails."""
+    for _ in range(1200):
+        if condition():
+            return
+        time.sleep(0.05)
+    pytest.fail("it never came to be")
+
+
+def test_each_task_is_done_once(engine):
+    found = list(engine.map(square, NUMBERS))
+    assert len(found) == len(NUMBERS)
+    assert dict(found) == SQUARES
+    assert list(engine.map(square, [])) == []
+
+
+def test_an_input_error_comes_through_word_for_word(engine):
+    with pytest.raises(InputError, match=r"^number = 3 is not possible: must be another$"):
+        list(engine.map(refuse, [(3,)]))
+    assert dict(engine.map(square, NUMBERS)) == SQUARES
+
+
+def test_another_error_ends_the_run_with_one_line(elsewhere):
+    with pytest.raises(WorkerError) as caught:
+        list(elsewhere.map(fail, [(3,)]))
+    assert str(caught.value) == "a task failed: ZeroDivisionError: task 3"
+    assert "with a second line" in caught.value.__notes__[0]
+
+
+def test_a_killed_worker_is_replaced_and_nothing_is_lost(elsewhere):
+    found = list(elsewhere.map(killed_once, [(number, 3) for (number,) in NUMBERS]))
+    assert sorted(found) == sorted(SQUARES.items())
+    assert len(marks("3.*")) == 2
+    assert sum(len(marks(f"{number}.*")) for (number,) in NUMBERS) == len(NUMBERS) + 1
+
+
+def test_a_task_that_ends_every_worker_is_given_up(elsewhere):
+    with pytest.raises(WorkerError, match=f"task 0 has ended {ATTEMPTS} workers, the last by ") as caught:
+        list(elsewhere.map(killed_always, [(0,)]))
+    assert "\n" not in str(caught.value)
+    assert len(marks()) == ATTEMPTS
+    assert dict(elsewhere.map(square, NUMBERS)) == SQUARES
+
+
+def test_processes_are_kept_and_use_one_thread(local):
+    first = {process for _, process in local.map(who, [()] * 4)}
+    assert len(first) == 2
+    assert os.getpid() not in first
+    assert {process for _, process in local.map(who, [()] * 4)} == first
+    assert {count for _, count in local.map(threads, [()])} == {"1"}
+
+
+def test_who_stops_asking_ends_the_tasks(local, place):
+    local.close()
+    answers = local.map(square, NUMBERS)
+    next(answers)
+    answers.close()
+    assert dict(local.map(square, NUMBERS)) == SQUARES
+
+
+def test_ctrl_c_ends_all_workers(place):
+    """A terminal sends it to every process of the group; the workers leave it to the first one."""
+    program = (
+        "from training.engines.local import Local\n"
+        "from work_for_engines import dawdle\n"
+        "if __name__ == '__main__':\n"
+        "    list(Local(2).map(dawdle, [(0,), (1,)]))\n"
+    )
+    script = place / "script.py"
+    script.write_text(program, encoding="utf-8")
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
+    process = subprocess.Popen(
+        [sys.executable, str(script)],
+        env={**os.environ, "PYTHONPATH": path},
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    wait_for(lambda: len(marks("[01].*")) == 2)
+    workers = [int(name.partition(".")[2]) for name in marks("[01].*")]
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert said.count("Traceback") == 1
+    assert said.rstrip().endswith("KeyboardInterrupt")
+    assert not any(alive(worker) for worker in workers)
+
+
+def test_workers_end_with_a_killed_parent(place):
+    """Nobody is left to end them: their pipes do."""
+    program = (
+        "from training.engines.local import Local\n"
+        "from work_for_engines import who\n"
+        "import signal\n"
+        "if __name__ == '__main__':\n"
+        "    print(*(process for _, process in Local(2).map(who, [()] * 4)), flush=True)\n"
+        "    signal.pause()\n"
+    )
+    script = place / "script.py"
+    script.write_text(program, encoding="utf-8")
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
+    environment = {**os.environ, "PYTHONPATH": path}
+    process = subprocess.Popen([sys.executable, str(script)], env=environment, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    workers = {int(word) for word in process.stdout.readline().split()}
+    process.kill()
+    process.communicate(timeout=60)
+    wait_for(lambda: not any(alive(worker) for worker in workers))
+    assert len(workers) == 2
+
+
+@pytest.mark.parametrize(
+    ("work", "said"),
+    [
+        (Work(workers=0), "workers = 0"),
+        (Work(engine="ray", workers=-1), "workers = -1"),
+        (Work(address="auto"), "for --engine ray"),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_opened(work, said):
+    with pytest.raises(InputError, match=said), opened(work):
+        pass
+
+
+def test_one_worker_is_this_process():
+    with opened(Work()) as engine:
+        assert engine is ALONE
+    with opened(Work(workers=1)) as engine:
+        assert engine is ALONE
+    with opened(Work(workers=2)) as engine:
+        assert engine.workers == 2
+
+
+def test_a_cluster_that_nobody_answers_for_is_one_line(monkeypatch):
+    ray = pytest.importorskip("ray")
+    ray.shutdown()
+    monkeypatch.setenv("RAY_gcs_rpc_server_reconnect_timeout_s", "1")
+    expected = pytest.raises(InputError, match="address = 'auto' is not possible: ")
+    with expected as caught, opened(Work(engine="ray", address="auto")):
+        pass
+    assert "\n" not in str(caught.value)

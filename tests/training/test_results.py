@@ -1,0 +1,203 @@
+"""Results per episode: a run that is cut short goes on where it stopped, and comes to what it would have come to."""
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rich")
+pytest.importorskip("pyarrow")
+
+from pyarrow import parquet
+
+from agents import find_policy
+from passloc_env import SCENARIOS
+from passloc_env.errors import InputError
+from training import evaluate as evaluate_module
+from training import results as results_module
+from training.engines.local import Local
+from training.episodes import Scores
+from training.evaluate import evaluate
+from training.results import opened_results
+from training.statistics import Bootstrap
+
+ROOT = Path(__file__).parents[2]
+SHORT = SCENARIOS["BearingsOnly"].override({"episode.steps": 24})
+NAMES = ("circle", "random")
+POLICIES = [find_policy(name, SHORT) for name in NAMES]
+EPISODES, SEED, BATCH = 19, 90, 4
+FILES = 10
+"""Of two policies' nineteen episodes in batches of four."""
+
+
+@pytest.fixture(autouse=True)
+def small_batches(monkeypatch):
+    monkeypatch.setattr(results_module, "BATCH", BATCH)
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return evaluate(SHORT, POLICIES, EPISODES, SEED)
+
+
+def evaluated(folder, **changes):
+    return evaluate(SHORT, POLICIES, EPISODES, SEED, folder=folder, **changes)
+
+
+def same(found, expected):
+    """Verdicts and scores, all but the time that policies took."""
+    for verdict, wanted in zip(found.verdicts, expected.verdicts, strict=True):
+        assert {**vars(verdict), "milliseconds_per_decision": 0.0} == {**vars(wanted), "milliseconds_per_decision": 0.0}
+    for name, scores in expected.scores.items():
+        for quantity, values in vars(scores).items():
+            np.testing.assert_array_equal(getattr(found.scores[name], quantity), values)
+
+
+def files_in(folder):
+    return sorted(folder.rglob("*.parquet"))
+
+
+def test_a_row_for_every_episode(tmp_path, expected):
+    same(evaluated(tmp_path), expected)
+    files = files_in(tmp_path)
+    assert len(files) == FILES
+    assert [path.parent.name for path in files[::5]] == ["0-circle", "1-random"]
+    rows = [row for path in files[:5] for row in parquet.read_table(path).to_pylist()]
+    assert [row["seed"] for row in rows] == list(range(SEED, SEED + EPISODES))
+    assert [row["end_error"] for row in rows] == expected.scores["circle"].end_error.tolist()
+    columns = [field.name for field in dataclasses.fields(Scores)]
+    assert list(rows[0]) == ["seed", *columns, "seconds_per_decision"]
+
+
+def test_several_workers_write_the_same(tmp_path, expected):
+    engine = Local(2)
+    try:
+        same(evaluated(tmp_path, engine=engine), expected)
+    finally:
+        engine.close()
+    assert len(files_in(tmp_path)) == FILES
+
+
+def test_an_interrupted_run_goes_on(tmp_path, expected, monkeypatch):
+    """Stopped twice, between batches and within one; a half-written file counts for nothing."""
+    flown = []
+    real = evaluate_module.fly_batch
+
+    def counting(scenario, policy, seed, first, count):
+        if len(flown) in (3, 7):
+            flown.append(None)
+            raise KeyboardInterrupt
+        flown.append((policy.name, first))
+        return real(scenario, policy, seed, first, count)
+
+    monkeypatch.setattr(evaluate_module, "fly_batch", counting)
+    for whole in (3, 6):
+        with pytest.raises(KeyboardInterrupt):
+            evaluated(tmp_path)
+        assert len(files_in(tmp_path)) == whole
+    (tmp_path / "1-random").mkdir(exist_ok=True)
+    (tmp_path / "1-random" / "000000008.parquet.partial").write_bytes(b"half")
+    done = []
+    same(evaluated(tmp_path, progress=lambda policy, count: done.append(count)), expected)
+    assert sum(done) == 2 * EPISODES
+    batches = [batch for batch in flown if batch]
+    assert len(batches) == len(set(batches)) == FILES
+    same(evaluated(tmp_path), expected)
+    assert len(flown) == FILES + 2
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_killed_run_goes_on(tmp_path, expected, workers):
+    """Killed in the middle of the work, with its workers' answers under way."""
+    program = (
+        "import time\n"
+        "from training import results\n"
+        "from training.commands.fields import Work\n"
+        "from training.engines import opened\n"
+        "from test_results import POLICIES, SHORT, EPISODES, SEED, BATCH\n"
+        "from training.evaluate import evaluate\n"
+        "from pathlib import Path\n"
+        "if __name__ == '__main__':\n"
+        f"    results.BATCH = BATCH\n"
+        f"    with opened(Work(workers={workers})) as engine:\n"
+        f"        evaluate(SHORT, POLICIES, EPISODES, SEED, lambda *done: time.sleep(0.3), engine, Path('kept'))\n"
+    )
+    (tmp_path / "script.py").write_text(program, encoding="utf-8")
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests"), str(Path(__file__).parent)])
+    process = subprocess.Popen([sys.executable, "script.py"], cwd=tmp_path, env={**os.environ, "PYTHONPATH": path})
+    folder = tmp_path / "kept"
+    for _ in range(1200):
+        if len(files_in(folder)) >= 3:
+            break
+        time.sleep(0.05)
+    with pytest.raises(InputError, match="in use"):
+        evaluated(folder)
+    os.kill(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    kept = {path: path.stat().st_mtime_ns for path in files_in(folder)}
+    assert 3 <= len(kept) < FILES
+    same(evaluated(folder), expected)
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"scenario": SHORT.override({"episode.steps": 28})}, "scenario"),
+        ({"policies": [find_policy("circle", SHORT), find_policy("straight", SHORT)]}, "policies"),
+        ({"episodes": EPISODES + 1}, "episodes"),
+        ({"seed": SEED + 1}, "seed"),
+    ],
+    ids=["scenario", "policies", "episodes", "seed"],
+)
+def test_a_folder_of_other_settings_is_refused(tmp_path, change, named):
+    evaluated(tmp_path)
+    settings = {"scenario": SHORT, "policies": POLICIES, "episodes": EPISODES, "seed": SEED, **change}
+    with pytest.raises(InputError, match=f"holds results of other {named}: name another folder with --results"):
+        evaluate(**settings, folder=tmp_path)
+
+
+@pytest.mark.parametrize(("name", "said"), [("else.txt", "not an empty folder"), ("settings.json", "cannot be read")])
+def test_a_folder_of_something_else_is_refused(tmp_path, name, said):
+    (tmp_path / name).write_text("precious", encoding="utf-8")
+    with pytest.raises(InputError, match=said):
+        evaluated(tmp_path)
+    assert (tmp_path / name).read_text(encoding="utf-8") == "precious"
+
+
+def test_a_second_process_is_refused(tmp_path, expected):
+    with (
+        opened_results(tmp_path, SHORT, NAMES, POLICIES, EPISODES, SEED),
+        pytest.raises(InputError, match="is in use: another process is adding to it"),
+    ):
+        evaluated(tmp_path)
+    same(evaluated(tmp_path), expected)
+
+
+def test_a_damaged_file_is_named(tmp_path):
+    evaluation = evaluated(tmp_path)
+    damaged = files_in(tmp_path)[1]
+    damaged.write_bytes(damaged.read_bytes()[:100])
+    with pytest.raises(InputError, match=f"{damaged.name} cannot be read: remove it"):
+        evaluation.scores["circle"].end_error.sum()
+    damaged.unlink()
+    assert len(evaluated(tmp_path).scores["circle"].end_error) == EPISODES
+
+
+def test_resampling_takes_no_more_memory_for_many_episodes():
+    """All resamples of 200 000 episodes at once would be 160 MB of indices for each hundred; 40 MB are allowed."""
+    values = np.random.default_rng(0).normal(size=200_000)
+    tracemalloc.start()
+    try:
+        Bootstrap(len(values), resamples=100).estimate(values, np.median)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 40e6

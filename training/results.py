@@ -1,0 +1,183 @@
+"""Scores of every episode in a folder, so that a run of any length goes on where it stopped.
+
+Each batch is a Parquet file with a row per episode: its seed, the columns of :class:`training.episodes.Scores`, and the
+seconds per decision that the policy took in the batch.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents import Policy
+from passloc_env.errors import InputError
+from passloc_env.scenario import Scenario
+from training.arguments import writable_folder
+from training.episodes import Scores, batches
+from training.files import json_text, write_whole
+from training.stamp import stamp
+
+BATCH = 1024
+"""Episodes per file: however many fly at once, the files are the same."""
+
+_FORMAT = "passloc-results-1"
+_SETTINGS, _LOCK = "settings.json", "lock"
+_SEED, _SECONDS = "seed", "seconds_per_decision"
+
+
+@dataclasses.dataclass(frozen=True)
+class Results:
+    """Per-episode scores of several policies on the same episodes.
+
+    Attributes:
+        folder: where they lie, a folder for each policy.
+        policies: their names in tables.
+        episodes: how many each flies.
+        seed: of the first.
+    """
+
+    folder: Path
+    policies: tuple[str, ...]
+    episodes: int
+    seed: int
+
+    @property
+    def batches(self) -> list[tuple[int, int]]:
+        """First episode and number of episodes of each file of a policy."""
+        return batches(self.episodes, BATCH)
+
+    def path(self, policy: str, first: int) -> Path:
+        """The file of a policy's batch."""
+        word = re.sub(r"[^\w.-]+", "-", policy.replace("°", "deg")).strip("-")
+        return self.folder / f"{self.policies.index(policy)}-{word}" / f"{first:09d}.parquet"
+
+    def keep(self, policy: str, first: int, scores: Scores, seconds: float) -> None:
+        """Write a batch; its file appears whole or not at all."""
+        import pyarrow
+        from pyarrow import parquet
+
+        count, content = len(scores.lost), io.BytesIO()
+        seeds = np.arange(self.seed + first, self.seed + first + count)
+        table = {_SEED: seeds, **vars(scores), _SECONDS: np.full(count, seconds)}
+        parquet.write_table(pyarrow.table(table), content)
+        path = self.path(policy, first)
+        path.parent.mkdir(exist_ok=True)
+        write_whole(path, content.getvalue())
+
+    def scores(self, policy: str) -> Scores:
+        """All scores of a policy, read column by column.
+
+        Raises:
+            InputError: a file is missing or damaged.
+        """
+        return Scores(**{field.name: self._column(policy, field.name) for field in dataclasses.fields(Scores)})
+
+    def seconds(self, policy: str) -> float:
+        """Seconds per decision that a policy took; errors as of :meth:`scores`."""
+        return float(self._column(policy, _SECONDS).mean())
+
+    def _column(self, policy: str, name: str) -> np.ndarray:
+        from pyarrow import ArrowException, parquet
+
+        parts = []
+        for first, count in self.batches:
+            path = self.path(policy, first)
+            try:
+                with parquet.ParquetFile(path) as file:
+                    part = file.read(columns=[name], use_threads=False)[name].to_numpy()
+            except (OSError, KeyError, ArrowException):
+                part = np.empty(0)
+            if len(part) != count:
+                raise InputError(f"{path} cannot be read: remove it, and run the same command again")
+            parts.append(part)
+        return np.concatenate(parts)
+
+
+class ScoresOnDisk(Mapping[str, Scores]):
+    """The scores of each policy by its name, read whenever they are asked for."""
+
+    def __init__(self, results: Results) -> None:
+        self._results = results
+
+    def __getitem__(self, policy: str) -> Scores:
+        if policy not in self._results.policies:
+            raise KeyError(policy)
+        return self._results.scores(policy)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._results.policies)
+
+    def __len__(self) -> int:
+        return len(self._results.policies)
+
+
+@contextmanager
+def opened_results(
+    folder: Path, scenario: Scenario, names: Sequence[str], policies: Sequence[Policy], episodes: int, seed: int
+) -> Iterator[Results]:
+    """The results in a folder, begun now or earlier; only one process at a time may add to them.
+
+    Args:
+        folder: where they lie or will lie.
+        scenario: the problem.
+        names: of the policies in tables.
+        policies: who decides.
+        episodes: how many each policy flies.
+        seed: of the first.
+
+    Raises:
+        InputError: the folder holds something else or results of other settings, or another process adds to it.
+        ModuleNotFoundError: pyarrow is not installed.
+        OSError: a folder that cannot be written into.
+    """
+    import pyarrow  # noqa: F401  (that it is missing is told before anything is flown)
+
+    settings = {
+        "format": _FORMAT,
+        "scenario": scenario.to_dict(),
+        "policies": {name: stamp(policy) for name, policy in zip(names, policies, strict=True)},
+        "episodes": episodes,
+        "seed": seed,
+        "batch": BATCH,
+    }
+    with _locked(writable_folder(folder)):
+        _keep_to(json.loads(json_text(settings)), folder)
+        yield Results(folder, tuple(names), episodes, seed)
+
+
+def _keep_to(settings: dict[str, Any], folder: Path) -> None:
+    """InputError unless the folder is new or of the same settings."""
+    path = folder / _SETTINGS
+    if not path.exists():
+        if any(entry.name != _LOCK for entry in folder.iterdir()):
+            raise InputError(f"{folder} is not an empty folder: name another one with --results")
+        write_whole(path, json_text(settings))
+        return
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        other = [name for name, value in settings.items() if found.get(name) != value]
+    except (ValueError, AttributeError):
+        raise InputError(f"{path} cannot be read: name another folder with --results") from None
+    if other:
+        raise InputError(f"{folder} holds results of other {', '.join(other)}: name another folder with --results")
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold a folder; the system lets it go when this process ends, however it does."""
+    import fcntl
+
+    with (folder / _LOCK).open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(f"{folder} is in use: another process is adding to it") from None
+        yield
