@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from passloc_env.errors import InputError, ScenarioError
+from passloc_env.reading import yaml_data
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
 
@@ -29,8 +28,6 @@ def read_scenario(text: str) -> Scenario:
         return Scenario.from_file(text)
     except OSError as error:
         raise ScenarioError("scenario", text, f"cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ScenarioError("scenario", text, "is not a text file") from None
 
 
 def parse_overrides(settings: Sequence[str]) -> dict[str, Any]:
@@ -45,8 +42,8 @@ def parse_overrides(settings: Sequence[str]) -> dict[str, Any]:
         if not equals or not name:
             raise ScenarioError("override", setting, "must be dotted.name=value")
         try:
-            overrides[name] = yaml.safe_load(value)
-        except yaml.YAMLError:
+            overrides[name] = yaml_data(value)
+        except InputError:
             raise ScenarioError(name, value, "is not readable YAML") from None
     return overrides
 
