@@ -210,9 +210,7 @@ def vector(doc: str, default: Any = dataclasses.MISSING, *, unit: str = "", **li
     return _field(Vector(doc, unit, each=Quantity(doc, unit, **limits)), default)
 
 
-def count(
-    doc: str, default: Any = dataclasses.MISSING, *, at_least: int = 0, at_most: int | None = None
-) -> Any:
+def count(doc: str, default: Any = dataclasses.MISSING, *, at_least: int = 0, at_most: int | None = None) -> Any:
     """Declare a whole-number field."""
     return _field(Count(doc, at_least=at_least, at_most=at_most), default)
 

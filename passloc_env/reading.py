@@ -91,7 +91,7 @@ def json_data(text: str) -> Any:
 
 
 def yaml_data(text: str) -> Any:
-    """Plain data from YAML text: no tags that stand for objects, every name once in its mapping, aliases counted in full.
+    """Plain data from YAML text, strictly: no objects of Python, and every name once in its mapping.
 
     Raises:
         InputError: another text, or one that is nested too deeply or holds too much.
@@ -110,8 +110,8 @@ def yaml_data(text: str) -> Any:
 class _PlainLoader(yaml.SafeLoader):
     """PyYAML's safe loader, that does not follow aliases into the endless.
 
-    An alias costs a few letters and stands for as much as one likes, itself even; so each node is counted as often as it
-    is meant, while the text is read.
+    An alias costs a few letters and stands for as much as one likes, itself even; so each node is counted as often as
+    it is meant, while the text is read.
     """
 
     def __init__(self, text: str) -> None:
@@ -138,7 +138,7 @@ class _PlainLoader(yaml.SafeLoader):
             raise InputError(f"more than {_ITEMS} values")
         return node
 
-    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         """A mapping; InputError for a name that stands there twice, where the last would win unsaid."""
         node = super().compose_mapping_node(anchor)
         names = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
