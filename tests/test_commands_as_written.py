@@ -123,6 +123,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scenarios = {parse("new-scenario", command.split()[2:]).file: command for command in WRITTEN if NEW in command}
     with working_in(place):
         model = PPO("MlpPolicy", make_vec_env("BearingsOnly", n_envs=2, seed=0), n_steps=2, batch_size=4, device="cpu")
+        (place / "models").mkdir()
         model.save("models/ppo.zip")
         for command in (*scenarios.values(), *FIRST):
             assert run(command) == 0
