@@ -18,6 +18,7 @@ def shown(value: object) -> str:
 def one_line(reason: object) -> str:
     """What somebody else's error says, as the end of a line of ours."""
     text = " ".join(str(reason).split())
+    text = text if text.isprintable() else repr(text)[1:-1]
     return text if len(text) <= 2 * _SHOWN else f"{text[: 2 * _SHOWN]} …"
 
 
