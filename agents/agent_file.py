@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from passloc_env.errors import InputError, one_line
+from passloc_env.models import observation_names
 from passloc_env.reading import json_data, read_bytes, read_text
 from passloc_env.scenario import Scenario
 
@@ -102,8 +103,10 @@ def _read_card(path: Path) -> dict[str, Any]:
     if not isinstance(card, dict) or card.get("format") != _FORMAT:
         raise AgentFileError(f"{path} is not the card of a passloc agent (format {_FORMAT})")
     try:
-        Scenario.from_dict(card["scenario"])
+        scenario = Scenario.from_dict(card["scenario"])
         _check_networks(card["architecture"], card["observation"])
+        if card["observation"] != list(observation_names(scenario)):
+            raise ValueError(f"observation is not what {scenario.name} offers")
         _check_flight(card.get("mirror", False), card.get("shield_sigmas", 0.0))
         _check_choices(card.get("choices", 0), card["architecture"]["actor"][-1])
         _check_names(card.get("flies", []))

@@ -297,7 +297,7 @@ def test_a_card_of_another_observation_space(folder):
 def test_the_same_number_of_other_features(folder):
     names = list(observation_names(SCENARIO))
     edit_card(folder, observation=[*names[1:], names[0]])
-    assert "not the same" in refusal(folder)
+    assert "not what BearingsOnly offers" in refusal(folder)
 
 
 def test_another_number_of_actions(folder):
