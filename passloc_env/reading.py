@@ -55,10 +55,10 @@ def read_bytes(path: Path, limit: int) -> bytes:
         OSError: it cannot be opened, is no regular file, or is larger.
     """
     with open_regular(path) as file:
-        content = file.read(limit + 1)
-    if len(content) > limit:
-        raise OSError(errno.EFBIG, f"larger than the {limit >> 10} KiB that such a file may have", str(path))
-    return content
+        size = os.fstat(file.fileno()).st_size
+        if size > limit:
+            raise OSError(errno.EFBIG, f"larger than the {limit >> 10} KiB that such a file may have", str(path))
+        return file.read(size)
 
 
 def read_text(path: Path) -> str:

@@ -53,7 +53,9 @@ def read_member(archive: zipfile.ZipFile, name: str) -> bytes:
     if name not in archive.namelist():
         raise InputError(f"an archive without {name}")
     try:
-        return archive.read(name)
+        # Just so many bytes are asked for: of a member that says less than it holds, all would be unpacked first.
+        with archive.open(name) as member:
+            return member.read(max(archive.getinfo(name).file_size, 1))
     except _DAMAGE:
         raise InputError(f"an archive whose {name} is damaged") from None
 
