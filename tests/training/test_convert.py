@@ -18,6 +18,7 @@ from stable_baselines3 import A2C, PPO, SAC
 from stable_baselines3.common.vec_env import VecNormalize
 
 from agents import LearnedPolicy
+from agents.agent_file import WEIGHTS
 from passloc_env import SCENARIOS, observation_names
 from passloc_env.errors import InputError
 from passloc_env.sb3 import make_vec_env
@@ -89,6 +90,15 @@ def test_decisions_are_those_of_predict(layers: Any, passloc: Callable[..., Any]
     status, out, _ = passloc("convert", "model.zip", "--scenario", "BearingsOnly", "--out", "agent")
     assert (status, out) == (0, "the agent is in agent\n")
     assert_same_decisions(model, LearnedPolicy.load(tmp_path / "agent", SCENARIO))
+
+
+def test_an_agent_with_changed_weights_is_not_judged(model: PPO, refused: Callable[..., str], tmp_path: Path) -> None:
+    model.save(tmp_path / "model.zip")
+    converted(tmp_path / "model.zip", SCENARIO).save(tmp_path)
+    weights = bytearray((tmp_path / WEIGHTS).read_bytes())
+    weights[-1] ^= 1
+    (tmp_path / WEIGHTS).write_bytes(weights)
+    assert "was changed" in refused("evaluate", "BearingsOnly", "--policies", f"circle,{tmp_path}")
 
 
 def test_models_of_a2c_are_converted_too(tmp_path: Path) -> None:
