@@ -117,7 +117,7 @@ def read_evaluation(path: Path) -> Evaluation:
         at_least_one(episodes=evaluation.episodes)
         check_seed(evaluation.seed)
         if evaluation.reference not in [verdict.policy for verdict in evaluation.verdicts]:
-            raise ValueError("the reference is none of the policies")
+            raise ValueError(f"its reference {shown(evaluation.reference)} is none of its policies")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
