@@ -5,6 +5,22 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+_SHOWN = 200
+"""Characters of a value or a name that a message shows at most."""
+
+
+def shown(value: object) -> str:
+    """A value as messages show it: in one line, and of a long one the beginning."""
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]} …"
+
+
+def one_line(reason: object) -> str:
+    """What somebody else's error says, as the end of a line of ours."""
+    text = " ".join(str(reason).split())
+    text = text if text.isprintable() else repr(text)[1:-1]
+    return text if len(text) <= 2 * _SHOWN else f"{text[: 2 * _SHOWN]} …"
+
 
 class InputError(ValueError):
     """What somebody gave cannot be used; the message is one line that says why and what would do."""
@@ -21,7 +37,8 @@ class ScenarioError(InputError):
 
     def __init__(self, field: str, value: object, allowed: str) -> None:
         self.field, self.value, self.allowed = field, value, allowed
-        super().__init__(f"{field} = {value!r} is not possible: {allowed}")
+        name = field if field.isprintable() and len(field) <= _SHOWN else shown(field)
+        super().__init__(f"{name} = {shown(value)} is not possible: {allowed}")
 
     def inside(self, prefix: str) -> ScenarioError:
         """The same error seen from the enclosing component."""

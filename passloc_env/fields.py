@@ -82,11 +82,14 @@ class Count(Spec):
     """A whole number within limits."""
 
     at_least: int = 0
+    at_most: int | None = None
 
     def check(self, name: str, value: Any) -> int:
         """An int; floats that are whole are not accepted, for they usually are mistakes."""
-        if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Integral) or value < self.at_least:
-            raise ScenarioError(name, value, f"must be a whole number of at least {self.at_least}")
+        whole = isinstance(value, numbers.Integral) and not isinstance(value, (bool, np.bool_))
+        if not whole or value < self.at_least or (self.at_most is not None and value > self.at_most):
+            most = "" if self.at_most is None else f" and at most {self.at_most}"
+            raise ScenarioError(name, value, f"must be a whole number of at least {self.at_least}{most}")
         return int(value)
 
 
@@ -116,12 +119,15 @@ class Flag(Spec):
 
 @dataclass(frozen=True)
 class Text(Spec):
-    """A piece of text."""
+    """A name, of which files and folders are called too."""
 
     def check(self, name: str, value: Any) -> str:
-        """The text itself."""
+        """The text itself; nothing that a terminal would obey, or that leads elsewhere as a path."""
         if not isinstance(value, str):
             raise ScenarioError(name, value, "must be text")
+        if not 0 < len(value) <= 100 or not value.isprintable() or value[0] == "." or {"/", "\\"} & set(value):
+            allowed = "must be 1 to 100 printable characters without / and \\, the first no full stop"
+            raise ScenarioError(name, value, allowed)
         return value
 
 
@@ -204,9 +210,9 @@ def vector(doc: str, default: Any = dataclasses.MISSING, *, unit: str = "", **li
     return _field(Vector(doc, unit, each=Quantity(doc, unit, **limits)), default)
 
 
-def count(doc: str, default: Any = dataclasses.MISSING, *, at_least: int = 0) -> Any:
+def count(doc: str, default: Any = dataclasses.MISSING, *, at_least: int = 0, at_most: int | None = None) -> Any:
     """Declare a whole-number field."""
-    return _field(Count(doc, at_least=at_least), default)
+    return _field(Count(doc, at_least=at_least, at_most=at_most), default)
 
 
 def option(doc: str, default: str, options: tuple[str, ...]) -> Any:
@@ -219,8 +225,8 @@ def flag(doc: str, default: bool) -> Any:
     return _field(Flag(doc), default)
 
 
-def text(doc: str, default: str = "") -> Any:
-    """Declare a text field."""
+def text(doc: str, default: str) -> Any:
+    """Declare a field that holds a name."""
     return _field(Text(doc), default)
 
 

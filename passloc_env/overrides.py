@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from passloc_env.component import Component, specs
-from passloc_env.errors import ScenarioError, unknown_name
+from passloc_env.errors import ScenarioError, one_line, unknown_name
 
 
 def override(component: Component, changes: Mapping[str, Any]) -> Component:
@@ -20,8 +20,9 @@ def override(component: Component, changes: Mapping[str, Any]) -> Component:
     for name, value in changes.items():
         *path, leaf = str(name).split(".")
         for depth in range(1, len(path) + 1):
-            if ".".join(path[:depth]) in changes:
-                raise ScenarioError(str(name), value, f"{'.'.join(path[:depth])} is already replaced as a whole")
+            above = ".".join(path[:depth])
+            if above in changes:
+                raise ScenarioError(str(name), value, f"{one_line(above)} is already replaced as a whole")
         branch = tree
         for key in path:
             branch = branch.setdefault(key, {})

@@ -19,11 +19,12 @@ import yaml
 from passloc_env.belief import BeliefFeatures
 from passloc_env.component import Component, concrete, from_dict, specs, to_dict
 from passloc_env.distributions import Uniform, extremes
-from passloc_env.errors import ScenarioError
+from passloc_env.errors import InputError, ScenarioError
 from passloc_env.fields import Count, count, flag, part, parts, quantity, text
 from passloc_env.motion import ConstantVelocity, Motion
 from passloc_env.overrides import override
 from passloc_env.platforms import FixedStation, Platform, TurnLimitedPlatform
+from passloc_env.reading import json_data, read_text, yaml_data
 from passloc_env.rewards import DEFAULT_REWARD, RewardTerm
 from passloc_env.sensor_suite import check_nuisances
 from passloc_env.sensors import Bearing, Sensor
@@ -39,7 +40,7 @@ class Episode(Component):
     ``steps`` and ``decision_every`` count *sensor steps*: one measurement each, ``period`` seconds apart.
     """
 
-    steps: int = count("sensor steps per episode", 240, at_least=1)
+    steps: int = count("sensor steps per episode", 240, at_least=1, at_most=1_000_000)
     period: float = quantity("seconds per sensor step", 1.0, unit="s", above=0, plain=True)
     decision_every: int = count("sensor steps per decision", 4, at_least=1)
     min_range: float = quantity(
@@ -257,17 +258,19 @@ class Scenario(Component):
     @classmethod
     def from_file(cls, path: str | Path) -> Scenario:
         """Build from a ``.json``, ``.yaml`` or ``.yml`` file; OSError when it cannot be read."""
-        content = Path(path).read_text(encoding="utf-8")
+        try:
+            content = read_text(Path(path))
+        except InputError as error:
+            raise ScenarioError("scenario", str(path), f"is {error}") from None
         return cls._from_text(content, "JSON" if Path(path).suffix == ".json" else "YAML", str(path))
 
     @classmethod
     def _from_text(cls, text: str, language: str, source: str) -> Scenario:
         """Build from text; ``source`` is what a message calls it."""
         try:
-            data = json.loads(text) if language == "JSON" else yaml.safe_load(text)
-        except (ValueError, yaml.YAMLError) as error:
-            reason = " ".join(str(error).split())
-            raise ScenarioError("scenario", source, f"is not readable {language}: {reason}") from None
+            data = json_data(text) if language == "JSON" else yaml_data(text)
+        except InputError as error:
+            raise ScenarioError("scenario", source, f"is not readable {language}: {error}") from None
         if not isinstance(data, Mapping):
             raise ScenarioError("scenario", source, f"must be a {language} mapping of fields")
         return cls.from_dict(data)

@@ -14,7 +14,9 @@ from typing import Any
 import pytest
 
 pytest.importorskip("stable_baselines3")
+from stable_baselines3 import PPO
 
+from passloc_env.sb3 import make_vec_env
 from training import cli
 from training.commands import (
     COMMANDS,
@@ -124,6 +126,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("reader")
     scenarios = {parse("new-scenario", command.split()[2:]).file: command for command in WRITTEN if NEW in command}
     with working_in(place):
+        model = PPO("MlpPolicy", make_vec_env("BearingsOnly", n_envs=2, seed=0), n_steps=2, batch_size=4, device="cpu")
+        (place / "models").mkdir()
+        model.save("models/ppo.zip")
         for command in (*scenarios.values(), *FIRST):
             assert run(command) == 0
         # Killed before its first checkpoint.

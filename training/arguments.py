@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from passloc_env.errors import InputError, ScenarioError
+from passloc_env.reading import yaml_data
 
 _PICTURES = (".png", ".svg", ".pdf", ".jpg")
 
@@ -27,8 +26,8 @@ def parse_overrides(settings: Sequence[str]) -> dict[str, Any]:
         if not equals or not name:
             raise ScenarioError("override", setting, "must be dotted.name=value")
         try:
-            overrides[name] = yaml.safe_load(value)
-        except yaml.YAMLError:
+            overrides[name] = yaml_data(value)
+        except InputError:
             raise ScenarioError(name, value, "is not readable YAML") from None
     return overrides
 

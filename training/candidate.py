@@ -50,10 +50,10 @@ class Candidate:
         if not self.folder.exists():
             return False
         card = AgentFile.load(self.folder).card
-        training = card["training"]
+        training = card.get("training", {})
         wanted = (self.scenario.override(self.parameters.overrides).to_dict(), dataclasses.asdict(self.parameters))
-        found = [card["scenario"], training["hyperparameters"]]
-        if found != json.loads(json.dumps(wanted)) or training["seed"] != self.seed:
+        found = [card["scenario"], training.get("hyperparameters")]
+        if found != json.loads(json.dumps(wanted)) or training.get("seed") != self.seed:
             raise InputError(f"{self.folder} holds an agent trained otherwise: name another folder with --out")
         return True
 

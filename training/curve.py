@@ -12,7 +12,8 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
 from passloc_env.arrays import Array
-from passloc_env.errors import InputError
+from passloc_env.errors import InputError, one_line
+from passloc_env.reading import read_text
 from training.files import write_whole
 
 COLUMNS = ("decisions", "seconds", "mean_return", "mean_length", "violations")
@@ -88,11 +89,10 @@ def read_curve(path: Path) -> dict[str, Array]:
         InputError: it is not there, or it is none.
     """
     try:
-        with path.open(newline="") as file:
-            header, *rows = csv.reader(file)
+        header, *rows = csv.reader(read_text(path).splitlines())
         values = np.array(rows, float).reshape(len(rows), len(COLUMNS))
-    except (OSError, ValueError):
+    except (OSError, ValueError, csv.Error):
         raise InputError(f"{path} is not a learning curve") from None
     if tuple(header) != COLUMNS:
-        raise InputError(f"{path} is not a learning curve: its columns are {', '.join(header)}")
+        raise InputError(f"{path} is not a learning curve: its columns are {one_line(', '.join(header))}")
     return dict(zip(COLUMNS, values.T, strict=True))

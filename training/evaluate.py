@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from agents import Policy
-from passloc_env.errors import InputError
+from passloc_env.errors import InputError, one_line, shown
 from passloc_env.models import state_layout
+from passloc_env.reading import json_data, read_text
 from passloc_env.scenario import Scenario
 from training.arguments import at_least_one, check_seed
 from training.commands import EVALUATION_SEED
@@ -25,6 +25,8 @@ from training.files import json_text, write_whole
 from training.provenance import provenance
 from training.results import Results, ScoresOnDisk, opened_results
 from training.statistics import Bootstrap, Estimate, chi_square_band, rate, root_mean_square
+
+_T = TypeVar("_T")
 
 
 @dataclass
@@ -101,45 +103,63 @@ def read_evaluation(path: Path) -> Evaluation:
         InputError: it cannot be read, or is none.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json_data(read_text(path))
         low, high = data["anees_band"]
         evaluation = Evaluation(
             Scenario.from_dict(data["scenario"]),
-            int(data["episodes"]),
-            int(data["seed"]),
-            str(data["reference"]),
+            _of(int, data["episodes"]),
+            _of(int, data["seed"]),
+            _text(data["reference"]),
             [_verdict(entry) for entry in data["policies"]],
-            (float(low), float(high)),
-            asked=tuple(map(str, data.get("asked", ()))),
-            origin=dict(data["provenance"]),
+            (_number(low), _number(high)),
+            asked=tuple(_text(word) for word in _of(list, data.get("asked", []))),
+            origin=_of(dict, data["provenance"]),
         )
         at_least_one(episodes=evaluation.episodes)
         check_seed(evaluation.seed)
-        if evaluation.reference not in {verdict.policy for verdict in evaluation.verdicts}:
-            raise ValueError(f"its reference {evaluation.reference!r} is none of its policies")
+        if evaluation.reference not in [verdict.policy for verdict in evaluation.verdicts]:
+            raise ValueError(f"its reference {shown(evaluation.reference)} is none of its policies")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
-    except (InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(f"{path} is not a whole evaluation: {type(error).__name__}: {error}") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path} is not a whole evaluation: {type(error).__name__}: {one_line(error)}") from None
     return evaluation
 
 
 def _verdict(entry: dict[str, Any]) -> Verdict:
-    """A verdict from plain data; null stands for what was not a finite number."""
-    values: dict[str, Any] = {
-        field.name: Estimate(**{end: _number(value) for end, value in entry[field.name].items()})
-        if field.type == "Estimate"
-        else entry[field.name]
-        for field in dataclasses.fields(Verdict)
-    }
-    for name in ("efficiency", "anees", "milliseconds_per_decision"):
-        values[name] = _number(values[name])
-    values["policy"] = str(entry["policy"])
-    return Verdict(**values)
+    fields = {field.name: _READERS[str(field.type)] for field in dataclasses.fields(Verdict)}
+    return Verdict(**{name: read(entry[name]) for name, read in fields.items()})
 
 
-def _number(value: float | None) -> float:
-    return math.nan if value is None else float(value)
+def _of(kind: type[_T], value: Any) -> _T:
+    """The value; TypeError unless it is just of a kind, for true is no 1."""
+    if type(value) is not kind:
+        raise TypeError(f"{shown(value)} must be {kind.__name__}")
+    return value
+
+
+def _text(value: Any) -> str:
+    if not _of(str, value).isprintable():
+        raise ValueError(f"{shown(value)} must be printable")
+    return str(value)
+
+
+def _number(value: Any) -> float:
+    """A float; null stands for what was not a finite number."""
+    return math.nan if value is None else float(value) if type(value) is int else _of(float, value)
+
+
+def _numbers(values: Any) -> dict[str, float]:
+    return {_text(name): _number(value) for name, value in values.items()}
+
+
+_READERS: dict[str, Callable[[Any], Any]] = {
+    "str": _text,
+    "float": _number,
+    "dict[str, float]": _numbers,
+    "Estimate": lambda value: Estimate(**_numbers(value)),
+}
+"""How each type of a verdict's fields is made from plain data."""
 
 
 def evaluate(

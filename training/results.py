@@ -19,6 +19,7 @@ import numpy as np
 
 from agents import Policy
 from passloc_env.errors import InputError
+from passloc_env.reading import json_data, read_text
 from passloc_env.scenario import Scenario
 from training.arguments import writable_folder
 from training.episodes import Scores, batches
@@ -162,9 +163,9 @@ def _keep_to(settings: dict[str, Any], folder: Path) -> None:
         write_whole(path, json_text(settings))
         return
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json_data(read_text(path))
         other = [name for name, value in settings.items() if found.get(name) != value]
-    except (ValueError, AttributeError):
+    except (InputError, OSError, AttributeError):
         raise InputError(f"{path} cannot be read: name another folder with --results") from None
     if other:
         raise InputError(f"{folder} holds results of other {', '.join(other)}: name another folder with --results")

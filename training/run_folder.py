@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,7 +11,8 @@ from typing import Any
 
 import filelock
 
-from passloc_env.errors import InputError
+from passloc_env.errors import InputError, one_line
+from passloc_env.reading import json_data, read_text
 from passloc_env.scenario import Scenario
 from training.files import json_text, write_whole
 from training.hyperparameters import Hyperparameters
@@ -55,15 +55,13 @@ class Assignment:
         """
         path = folder / CONFIGURATION
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
+            data = json_data(read_text(path))
             parameters = Hyperparameters.from_dict(data["hyperparameters"])
             return cls(Scenario.from_dict(data["scenario"]), parameters, int(data["seed"]), dict(data["provenance"]))
         except OSError:
             raise InputError(f"{folder} is not the folder of a training: it holds no {CONFIGURATION}") from None
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
-        except (KeyError, TypeError, ValueError, RecursionError) as error:
-            raise InputError(f"{path} is not the configuration of a training: {error}") from None
+        except (InputError, KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{path} is not the configuration of a training: {one_line(error)}") from None
 
 
 @contextmanager

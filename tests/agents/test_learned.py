@@ -1,5 +1,6 @@
 """Trained agents: flown as Stable-Baselines3 flies them, and read from files without trusting a byte."""
 
+import hashlib
 import importlib.metadata
 import io
 import json
@@ -60,6 +61,7 @@ def edit_weights(folder, **changes):
     """Replace weights by name, with double underscores for dots, or remove those set to None."""
     weights = load_file(folder / WEIGHTS) | {name.replace("__", "."): value for name, value in changes.items()}
     save_file({name: value for name, value in weights.items() if value is not None}, folder / WEIGHTS)
+    edit_card(folder, weights_sha256=None)
 
 
 def refusal(path, scenario=SCENARIO):
@@ -103,7 +105,8 @@ def test_round_trip(model_and_agent, folder):
     assert again.weights.keys() == agent.weights.keys()
     for name, array in agent.weights.items():
         assert (again.weights[name].dtype, again.weights[name].tobytes()) == (array.dtype, array.tobytes())
-    assert again.card == {"format": "passloc-agent-1", **agent.card}
+    digest = hashlib.sha256((folder / WEIGHTS).read_bytes()).hexdigest()
+    assert again.card == {"format": "passloc-agent-1", **agent.card, "weights_sha256": digest}
     assert again.scenario == SCENARIO
     assert [weight.shape for weight, _ in again.layers] == [(16, FEATURES), (8, 16), (1, 8)]
     assert sorted(path.name for path in folder.iterdir()) == [CARD, WEIGHTS]
@@ -161,6 +164,7 @@ def test_weights_of_another_kind(folder):
     """A pickle and an archive of arrays under the right name are just not safetensors."""
     buffer = io.BytesIO()
     np.savez(buffer, a=np.zeros(3))
+    edit_card(folder, weights_sha256=None)
     for content in (pickle.dumps({"actor.0.weight": [1.0]}), buffer.getvalue(), struct.pack("<Q", 2**60) + b"{}"):
         (folder / WEIGHTS).write_bytes(content)
         assert "not a readable safetensors file" in refusal(folder)
@@ -295,7 +299,7 @@ def test_a_card_of_another_observation_space(folder):
 def test_the_same_number_of_other_features(folder):
     names = list(observation_names(SCENARIO))
     edit_card(folder, observation=[*names[1:], names[0]])
-    assert "not the same" in refusal(folder)
+    assert "not what BearingsOnly offers" in refusal(folder)
 
 
 def test_another_number_of_actions(folder):
@@ -303,7 +307,7 @@ def test_another_number_of_actions(folder):
     wide = {"actor": [FEATURES, 2]}
     weights = {"actor.0.weight": np.zeros((2, FEATURES), np.float32), "actor.0.bias": np.zeros(2, np.float32)}
     save_file(weights, folder / WEIGHTS)
-    edit_card(folder, architecture=wide)
+    edit_card(folder, architecture=wide, weights_sha256=None)
     assert "chooses 2 actions" in refusal(folder)
     assert LearnedPolicy.load(folder).act(np.zeros((1, FEATURES)), None, None).shape == (1, 2)
 

@@ -14,7 +14,7 @@ PACKAGES = ("passloc_env", "agents", "training")
 
 ROOMS = [
     ["arrays", "errors", "infos", "lazy", "slab", "special", "units", "shadowing"],
-    ["angles", "checks", "layout", "linalg", "component", "nuisance"],
+    ["angles", "checks", "layout", "linalg", "component", "nuisance", "reading"],
     ["frames", "distributions", "noise", "overrides", "triangular"],
     ["fields"],
     ["motion", "randomisation"],

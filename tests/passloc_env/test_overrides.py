@@ -36,7 +36,9 @@ REWARD = st.permutations([RangeBound(), GramGain(weight=2.0), TrackingError(), C
 CHANGES = st.fixed_dictionaries(
     {},
     optional={
-        "name": st.text(st.characters(exclude_categories=["Cs"])),
+        "name": st.text(
+            st.characters(exclude_categories=["C", "Z"], exclude_characters="./\\"), min_size=1, max_size=100
+        ),
         "target.motion": st.one_of(MODEL_MOTION, st.builds(Manoeuvre, start=QUANTITY, duration=POSITIVE)),
         "platforms.0.speed": QUANTITY,
         "platforms.TurnLimitedPlatform.max_turn_rate": st.one_of(QUANTITY, st.just(float("inf"))),

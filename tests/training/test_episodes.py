@@ -222,7 +222,7 @@ def test_random_numbers_are_new_at_every_decision_of_every_episode(monkeypatch):
 
     monkeypatch.setattr(episodes, "CHUNK", 4)
     fly(SCENARIOS["BearingsOnly"].override({"episode.steps": 24}), Watched(), 6, seed=5)
-    assert [actions.shape for actions in drawn] == [(4, 1)] * 6 + [(2, 1)] * 6
+    assert [actions.shape for actions in drawn] == [(3, 1)] * 12
     assert len(np.unique(np.concatenate(drawn))) == 36
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from training.commands.completion import Completion
 from training.commands.fields import EVALUATION_SEED, Asked, Output
 from training.commands.judging import Card, Evaluate, Leaderboard, Report
-from training.commands.learning import Ablate, Demo, Seeds, Train, Tune
+from training.commands.learning import Ablate, Convert, Demo, Seeds, Train, Tune
 from training.commands.looking import Export, List, NewScenario, Observe, Replay
 from training.commands.verifying import Bench, Reproduce
 
@@ -24,6 +24,7 @@ __all__ = [
     "Card",
     "Command",
     "Completion",
+    "Convert",
     "Demo",
     "Evaluate",
     "Export",
@@ -64,6 +65,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     "train": {
         "demo": Command(Demo, "training.demo:demo"),
         "train": Command(Train, "training.train:train_and_say"),
+        "convert": Command(Convert, "training.convert:convert"),
         "tune": Command(Tune, "training.tune:tune"),
         "seeds": Command(Seeds, "training.seeds:seeds"),
         "ablate": Command(Ablate, "training.ablation:ablate"),

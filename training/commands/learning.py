@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tyro.conf import Positional
 
 from training.commands.fields import Answer, File, Folder, Output, Overrides, ScenarioName, Where, Work
 
@@ -34,6 +38,28 @@ class Train:
     """Decisions between checkpoints; 0 for none."""
     resume: Folder = None
     """Run folder of a training that was cut short, to be gone on with; it knows everything else."""
+    override: Overrides = ()
+    output: Answer = Output()
+
+
+@dataclass(frozen=True)
+class Convert:
+    """Make an agent of a Stable-Baselines3 model.
+
+    It decides as the model's predict(deterministic=True) does. Of the model's file the weights alone are read; nothing
+    in it is run, so that it may come from anybody. What VecNormalize has learnt is not in it, and must be folded into
+    the first layer before.
+
+    Examples:
+        passloc convert models/ppo.zip --scenario BearingsOnly --out runs/converted
+    """
+
+    model: Annotated[Positional[Path], tyro.conf.arg(metavar="MODEL")]
+    """What model.save of PPO or A2C has written."""
+    scenario: str = "BearingsOnly"
+    """What it was trained on: name, Gymnasium id, or path of a scenario file."""
+    out: Folder = None
+    """Folder of the agent; by default runs/SCENARIO-converted, numbered when that exists."""
     override: Overrides = ()
     output: Answer = Output()
 

@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from passloc_env.errors import InputError
+from passloc_env.errors import InputError, shown
+from passloc_env.reading import read_text, yaml_data
 from passloc_env.scenarios import SCENARIOS
 
 _FOLDER = Path(__file__).parent
@@ -113,7 +112,7 @@ class Hyperparameters:
     def __post_init__(self) -> None:
         for name, (allowed, accepts) in _ACCEPTS.items():
             if not accepts(getattr(self, name)):
-                raise HyperparameterError(f"{name} = {getattr(self, name)!r} is not possible: must be {allowed}")
+                raise HyperparameterError(f"{name} = {shown(getattr(self, name))} is not possible: must be {allowed}")
 
     @property
     def ppo_keywords(self) -> dict[str, Any]:
@@ -131,11 +130,11 @@ class Hyperparameters:
     def load(cls, path: Path) -> Hyperparameters:
         """Read a YAML file; HyperparameterError when it is unreadable or names what does not exist."""
         try:
-            data = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+            data = yaml_data(read_text(path)) or {}
         except OSError as error:
             raise HyperparameterError(f"cannot read {path}: {error.strerror}") from None
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise HyperparameterError(f"{path} is not readable YAML: {' '.join(str(error).split())}") from None
+        except InputError as error:
+            raise HyperparameterError(f"{path} is not readable YAML: {error}") from None
         try:
             return cls.from_dict(data)
         except HyperparameterError as error:
@@ -147,7 +146,7 @@ class Hyperparameters:
         known = [item.name for item in dataclasses.fields(cls)]
         if not isinstance(data, dict) or not set(data) <= set(known):
             unknown = sorted(map(str, set(data) - set(known))) if isinstance(data, dict) else data
-            raise HyperparameterError(f"unknown hyperparameters {unknown}; known: {', '.join(known)}")
+            raise HyperparameterError(f"unknown hyperparameters {shown(unknown)}; known: {', '.join(known)}")
         lists = {name: tuple(data[name]) for name in ("network", "families") if isinstance(data.get(name), list)}
         return cls(**data | lists)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from agents import Policy
+from passloc_env.reading import json_data
+from training.archives import read_arrays
 from training.episodes import Flight, Scores, fly
 from training.leaderboard.entrants import Entrant, settings
 from training.leaderboard.variants import Variant
@@ -41,15 +42,16 @@ class Store:
 
     def kept(self, variant: Variant, entrant: Entrant) -> tuple[Scores, float] | None:
         """Scores and seconds per decision, if they are here; files that cannot be read count as absent."""
+        names = ("about", "seconds", *Scores.__dataclass_fields__)
         try:
-            # Opened here, since NumPy leaves a file open that turns out to be none of its own.
-            with self._path(variant, entrant, "scores").open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-                if json.loads(str(file["about"])) != self._stamp(variant, entrant):
-                    return None
-                arrays = {name: file[name] for name in Scores.__dataclass_fields__}
-                return Scores(**arrays), float(file["seconds"])
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+            arrays = read_arrays(self._path(variant, entrant, "scores"), names)
+            if json_data(str(arrays.pop("about"))) != self._stamp(variant, entrant):
+                return None
+            seconds = float(arrays.pop("seconds"))
+        except (OSError, ValueError, TypeError):
             return None
+        whole = all(array.shape == (self.episodes,) and array.dtype.kind in "bf" for array in arrays.values())
+        return (Scores(**arrays), seconds) if whole else None
 
     def flown(
         self, variant: Variant, entrant: Entrant, progress: Callable[[int], None] = lambda done: None

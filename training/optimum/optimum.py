@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,9 @@ import numpy as np
 
 from passloc_env.arrays import Array, BoolArray, IntArray
 from passloc_env.errors import InputError
+from passloc_env.reading import json_data
 from passloc_env.scenario import Scenario
+from training.archives import read_arrays
 from training.optimum.replay import Replay
 
 _ARRAYS = ("seeds", "headings", "paths", "values", "legal", "chosen")
@@ -86,9 +87,26 @@ class Optimum:
             OSError: a file that cannot be read.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
-                about = json.loads(str(file["about"]))
-                arrays = {name: file[name] for name in _ARRAYS}
-            return cls(Scenario.from_dict(about["scenario"]), Settings(**about["settings"]), **arrays)
-        except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+            arrays = read_arrays(path, ("about", *_ARRAYS))
+            about = json_data(str(arrays.pop("about")))
+            optimum = cls(Scenario.from_dict(about["scenario"]), Settings(**about["settings"]), **arrays)
+            optimum._check()
+        except (ValueError, KeyError, TypeError):
             raise InputError(f"{path} is not a file of trajectory optima") from None
+        return optimum
+
+    def _check(self) -> None:
+        """ValueError unless the arrays are of one search."""
+        episodes, steps = len(self.seeds), self.scenario.episode.steps
+        restarts, decisions = self.values.shape[-1:], steps // self.scenario.episode.decision_every
+        expected = {
+            "seeds": ("i", (episodes,)),
+            "headings": ("f", (episodes, decisions)),
+            "paths": ("f", (2, steps, episodes)),
+            "values": ("f", (episodes, *restarts)),
+            "legal": ("b", (episodes, *restarts)),
+            "chosen": ("i", (episodes,)),
+        }
+        found = {name: (getattr(self, name).dtype.kind, getattr(self, name).shape) for name in _ARRAYS}
+        if found != expected or not ((self.chosen >= 0) & (self.chosen < restarts[0])).all():
+            raise ValueError("arrays that do not fit each other")

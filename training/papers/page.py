@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from passloc_env.errors import InputError
+from passloc_env.reading import json_data, read_text
 from training.files import json_text, write_whole
 from training.papers.catalogue import PAPERS, Paper
 from training.papers.reproduction import Reproduction
@@ -101,7 +101,7 @@ def _read(path: Path) -> dict[str, Any] | None:
         return None
     advice = "reproduce that paper again, or remove the file"
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json_data(read_text(path))
     except ValueError:
         raise InputError(f"{path} is not readable JSON: {advice}") from None
     if not isinstance(data, dict) or not data.keys() >= _KEYS:

@@ -82,7 +82,7 @@ def _run(folder: Path, episodes: int) -> Subject:
     except AgentFileError as error:
         raise InputError(str(error)) from None
     curve = read_curve(folder / _CURVE) if (folder / _CURVE).exists() else None
-    training = {"training": agent.card["training"]} | ({"notes": agent.card["notes"]} if "notes" in agent.card else {})
+    training: dict[str, Any] = {name: agent.card[name] for name in ("training", "notes") if name in agent.card}
     if (folder / _EVALUATION).exists():
         evaluation = read_evaluation(folder / _EVALUATION)
         policies, remarks = _find(evaluation, folder)
