@@ -71,14 +71,13 @@ class Checkpoint:
                 metadata = file.metadata() or {}
                 arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
             about = metadata[_ABOUT]
-            whole = metadata[_DIGEST] == _digest(about, arrays)
+            if metadata[_DIGEST] != _digest(about, arrays):
+                raise ValueError("its digest is not that of what it holds")
             tree = _restored(json.loads(about), arrays)
         except OSError as error:
             raise CheckpointError(f"{path} cannot be read: {error.strerror or 'it is not there'}") from None
         except (SafetensorError, KeyError, ValueError, TypeError, RecursionError) as error:
             raise CheckpointError(f"{path} is damaged: {str(error).partition(chr(10))[0]}") from None
-        if not whole:
-            raise CheckpointError(f"{path} is damaged: its digest is not that of what it holds")
         return cls(tree)
 
 

@@ -23,14 +23,15 @@ ONLY_SO = {
 }
 """Functions that could run what they read, and the words in every call that keep them from it."""
 
-BETWEEN_OWN_PROCESSES = {"passloc_env/crew.py", "passloc_env/slab.py"}
-"""Where a batch on several processes talks to itself, through pipes that it has made; no file is involved."""
+BETWEEN_OWN_PROCESSES = {"passloc_env/crew.py", "passloc_env/slab.py", "training/engines/local.py"}
+"""Where a batch or an engine on several processes talks to itself, through pipes that it has made; no file is involved."""
 
 READ_PLAINLY = {"passloc_env/reading.py"}
 """Where files of strangers become data; ``json.loads`` elsewhere reads only what the program itself has written."""
 
-OWN_TEXT = {"training/tune.py", "training/train.py", "training/candidate.py", "training/leaderboard/store.py"}
-OWN_TEXT |= {"training/report/page.py"}
+OWN_TEXT = {"training/tune.py", "training/learner.py", "training/candidate.py", "training/leaderboard/store.py"}
+OWN_TEXT |= {"training/report/page.py", "training/results.py", "training/checkpoint.py"}
+"""A checkpoint is as long as its run, and its digest is looked at first."""
 
 
 def dotted(node):

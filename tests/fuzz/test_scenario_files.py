@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from passloc_env import SCENARIOS, Scenario
 from passloc_env.component import specs
-from training.arguments import parse_overrides, read_scenario
+from passloc_env.scenarios import find
+from training.arguments import parse_overrides
 
 SENT = st.sampled_from(list(SCENARIOS.values()))
 
@@ -22,7 +23,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def assert_read_or_refused(path: Path) -> None:
-    scenario = read_or_refused(lambda: read_scenario(str(path)))
+    scenario = read_or_refused(lambda: find(str(path)))
     if scenario is not None:
         assert Scenario.from_yaml(scenario.to_yaml()) == scenario
         assert Scenario.from_json(scenario.to_json()) == scenario

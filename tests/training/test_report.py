@@ -327,7 +327,7 @@ def changed(data, change: str) -> str:
         ("policies=[]", "its reference 'circle' is none of its policies"),
         ("reference='nobody'", "its reference 'nobody' is none of its policies"),
         ("policies.0.log_range_bound=3", "AttributeError"),
-        ("policies.0.policy=None", "its reference 'circle' is none of its policies"),
+        ("policies.0.policy=None", "None must be str"),
         ("episodes=0", "must be at least 1"),
         ("seed=-3", "must be at least 0"),
     ],
