@@ -24,7 +24,7 @@ ONLY_SO = {
 """Functions that could run what they read, and the words in every call that keep them from it."""
 
 BETWEEN_OWN_PROCESSES = {"passloc_env/crew.py", "passloc_env/slab.py", "training/engines/local.py"}
-"""Where a batch or an engine on several processes talks to itself, through pipes that it has made; no file is involved."""
+"""Where several processes of ours talk to each other, through pipes that they have made; no file is involved."""
 
 READ_PLAINLY = {"passloc_env/reading.py"}
 """Where files of strangers become data; ``json.loads`` elsewhere reads only what the program itself has written."""
