@@ -24,13 +24,14 @@ from passloc_env.scenario import Scenario
 from training.arguments import writable_folder
 from training.episodes import Scores, batches
 from training.files import json_text, write_whole
+from training.lock import LOCK, held
 from training.stamp import stamp
 
 BATCH = 1024
 """Episodes per file: however many fly at once, the files are the same."""
 
 _FORMAT = "passloc-results-1"
-_SETTINGS, _LOCK = "settings.json", "lock"
+_SETTINGS = "settings.json"
 _SEED, _SECONDS = "seed", "seconds_per_decision"
 
 
@@ -149,7 +150,7 @@ def opened_results(
         "seed": seed,
         "batch": BATCH,
     }
-    with _locked(writable_folder(folder)):
+    with held(writable_folder(folder)):
         _keep_to(json.loads(json_text(settings)), folder)
         yield Results(folder, tuple(names), episodes, seed)
 
@@ -158,7 +159,7 @@ def _keep_to(settings: dict[str, Any], folder: Path) -> None:
     """InputError unless the folder is new or of the same settings."""
     path = folder / _SETTINGS
     if not path.exists():
-        if any(entry.name != _LOCK for entry in folder.iterdir()):
+        if any(entry.name != LOCK for entry in folder.iterdir()):
             raise InputError(f"{folder} is not an empty folder: name another one with --results")
         write_whole(path, json_text(settings))
         return
@@ -169,16 +170,3 @@ def _keep_to(settings: dict[str, Any], folder: Path) -> None:
         raise InputError(f"{path} cannot be read: name another folder with --results") from None
     if other:
         raise InputError(f"{folder} holds results of other {', '.join(other)}: name another folder with --results")
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold a folder; the system lets it go when this process ends, however it does."""
-    import fcntl
-
-    with (folder / _LOCK).open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(f"{folder} is in use: another process is adding to it") from None
-        yield

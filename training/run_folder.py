@@ -1,15 +1,11 @@
-"""The folder of a training run: what it was asked for, and that nobody else writes into it."""
+"""The folder of a training run: what it was asked for."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import filelock
 
 from passloc_env.errors import InputError, one_line
 from passloc_env.reading import json_data, read_text
@@ -17,7 +13,7 @@ from passloc_env.scenario import Scenario
 from training.files import json_text, write_whole
 from training.hyperparameters import Hyperparameters
 
-CONFIGURATION, CURVE, LOCK = "config.json", "curve.csv", ".lock"
+CONFIGURATION, CURVE = "config.json", "curve.csv"
 
 
 @dataclass(frozen=True)
@@ -62,21 +58,3 @@ class Assignment:
             raise InputError(f"{folder} is not the folder of a training: it holds no {CONFIGURATION}") from None
         except (InputError, KeyError, TypeError, ValueError) as error:
             raise InputError(f"{path} is not the configuration of a training: {one_line(error)}") from None
-
-
-@contextmanager
-def held(folder: Path) -> Iterator[None]:
-    """Nobody else writes into the folder while this lasts; a process that dies lets go of it.
-
-    Raises:
-        InputError: somebody else does.
-    """
-    lock = filelock.FileLock(folder / LOCK)
-    try:
-        lock.acquire(timeout=0)
-    except filelock.Timeout:
-        raise InputError(f"{folder} is being written by another process: wait for it, or name another folder") from None
-    try:
-        yield
-    finally:
-        lock.release()

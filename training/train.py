@@ -28,10 +28,11 @@ from training.files import note
 from training.hyperparameters import Hyperparameters
 from training.learner import agent_of, build_ppo, learning_env
 from training.learner_state import learner_state, put_back
+from training.lock import held
 from training.progress import console
 from training.progress_callback import ProgressCallback
 from training.provenance import provenance
-from training.run_folder import CURVE, Assignment, held
+from training.run_folder import CURVE, Assignment
 
 Watch = Callable[[dict[str, float]], None]
 """Sees each row of a learning curve."""

@@ -137,7 +137,7 @@ def test_a_killed_run_goes_on(tmp_path, expected, workers):
         if len(files_in(folder)) >= 3:
             break
         time.sleep(0.05)
-    with pytest.raises(InputError, match="in use"):
+    with pytest.raises(InputError, match="is being written by another process"):
         evaluated(folder)
     os.kill(process.pid, signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
@@ -175,7 +175,7 @@ def test_a_folder_of_something_else_is_refused(tmp_path, name, said):
 def test_a_second_process_is_refused(tmp_path, expected):
     with (
         opened_results(tmp_path, SHORT, NAMES, POLICIES, EPISODES, SEED),
-        pytest.raises(InputError, match="is in use: another process is adding to it"),
+        pytest.raises(InputError, match="is being written by another process"),
     ):
         evaluated(tmp_path)
     same(evaluated(tmp_path), expected)

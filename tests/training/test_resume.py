@@ -27,7 +27,8 @@ from training import checkpoint, cli
 from training.checkpoint import BEFORE, LATEST, Checkpoint, CheckpointError, find_checkpoint
 from training.evaluate import evaluate
 from training.hyperparameters import Hyperparameters
-from training.run_folder import Assignment, held
+from training.lock import held
+from training.run_folder import Assignment
 from training.train import resume, run
 
 ROOT = Path(__file__).parents[2]
