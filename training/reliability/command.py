@@ -16,7 +16,7 @@ from training.reliability.page import page, summary
 from training.reliability.record import Record
 from training.reliability.survival import FAULTS, GATES, POLICIES, Survival, survivals
 
-_LEG = 120_000
+_LEG = 200_000
 """Sensor steps of a leg at most, but for its last decision."""
 
 

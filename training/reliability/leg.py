@@ -35,7 +35,7 @@ _MODES = ("NextStep", "SameStep")
 _CHANGED = 0.2
 """Share of the numbers of a scenario that are changed."""
 
-_MOST = 2048
+_MOST = 4096
 _MOST_BY_FILTERPY = 2
 """Environments of a leg at most; filters in Python are slow."""
 

@@ -35,7 +35,7 @@ def _soak(record: Record) -> tuple[str, ...]:
     return (
         "## The soak",
         "Every scenario, in legs that chance makes: its numbers up to ten times as large or as small, another tracker, "
-        "gated or not, sensors that miss, err widely, come late or fall silent, batches of 1 to 2048, actions random "
+        "gated or not, sensors that miss, err widely, come late or fall silent, batches of 1 to 4096, actions random "
         "or extreme. Warnings count as exceptions, and every covariance is judged by its eigenvalues at every "
         "decision.",
         f"**{summary(record)}.** Fewer than {MOST_REPAIRS:g} repairs per step are promised, and at most "
