@@ -39,9 +39,9 @@ def _soak(record: Record) -> tuple[str, ...]:
         "or extreme. Warnings count as exceptions, and every covariance is judged by its eigenvalues at every "
         "decision.",
         f"**{summary(record)}.** Fewer than {MOST_REPAIRS:g} repairs per step are promised, and at most "
-        f"{MOST_GROWTH:g} MiB of growth, counted over the second half of the legs' steps and without the compiled "
-        "steps of past scenarios, of which a process keeps 64. A repair makes a covariance that rounding has spoilt "
-        "positive definite again, or begins a track anew.",
+        f"{MOST_GROWTH:g} MiB of growth: of what is still held between legs, by least squares over the second half of "
+        "the steps, without the compiled steps of past scenarios, of which a process keeps 64. A repair makes a "
+        "covariance that rounding has spoilt positive definite again, or begins a track anew.",
         _table(columns, rows),
     )
 

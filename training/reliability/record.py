@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
 import gc
 import os
 import sys
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -33,7 +35,7 @@ class Record:
         command: what to type to have it again.
         tallies: by scenario.
         faults: one line for everything that must not happen.
-        memory: resident memory after every leg, MiB, beside the sensor steps so far.
+        memory: resident memory that every leg has left held, MiB, beside the sensor steps so far.
         survivals: what became of tracks when sensors fail.
     """
 
@@ -46,10 +48,9 @@ class Record:
     origin: dict[str, Any] = field(default_factory=lambda: provenance(sys.argv))
 
     def add(self, scenario: str, tally: Tally) -> None:
-        """Count a leg, and look at the memory after it, less the plans that are kept of scenarios flown."""
+        """Count a leg, and look at the memory that is still held after it."""
         self.tallies.setdefault(scenario, Tally()).add(tally)
-        plan_of.cache_clear()
-        gc.collect()
+        _let_go()
         self.memory.append((self.total.steps, resident()))
 
     @property
@@ -92,12 +93,21 @@ class Record:
             "faults": self.faults,
             "repairs_per_step": self.repair_rate,
             "growth_mib_per_million_steps": self.growth,
+            "memory_mib": self.memory,
             "survivals": [
                 {**row._asdict(), "lost": dataclasses.asdict(row.lost), "end_error": dataclasses.asdict(row.end_error)}
                 for row in self.survivals
             ],
             "provenance": self.origin,
         }
+
+
+def _let_go() -> None:
+    """Forget the plans of scenarios flown, and hand back what is free: a large leg would look like growth for good."""
+    plan_of.cache_clear()
+    gc.collect()
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def resident() -> float:
