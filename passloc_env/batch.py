@@ -184,6 +184,7 @@ _DIAGNOSTICS: dict[str, Callable[[Simulation], np.ndarray]] = {
     "bound": lambda tile: tile.outcome.range_sigma,
     "range": lambda tile: tile.outcome.range,
     "repairs": lambda tile: tile.track.repairs,
+    "gated": lambda tile: tile.track.gated,
 }
 
 

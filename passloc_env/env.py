@@ -76,8 +76,8 @@ class LocalisationEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     * ``scenario``: name, Gymnasium id, plain data or a ``Scenario``.
     * ``overrides``: scenario fields to change, by dotted name:
       ``{"episode.decision_every": 1, "sensors.0.sigma": 0.01}``.
-    * ``diagnostics``: put truth, estimate, covariance, NEES, relative range error, bound (σ_r in metres), range and
-      repairs into ``info``.
+    * ``diagnostics``: put truth, estimate, covariance, NEES, relative range error, bound (σ_r in metres), range,
+      repairs and measurements gated into ``info``.
     * ``render_mode``: ``rgb_array`` or ``human``; needs ``passloc[render]``.
 
     ```python

@@ -23,9 +23,12 @@ class Quantity(Spec):
     above: float | None = None
     at_least: float | None = None
     at_most: float | None = None
+    below: float | None = None
     infinite: bool = False
     plain: bool = False
     """Whether it is a constant of the problem that cannot be drawn."""
+    appended: bool = False
+    """Whether its draw comes after those of all others: what is added to a scenario shifts nobody's numbers."""
 
     def check(self, name: str, value: Any) -> Any:
         """A float or a distribution; numbers written as text (``3e-3`` in YAML) are read as numbers."""
@@ -47,6 +50,7 @@ class Quantity(Spec):
             (self.above is None or number > self.above)
             and (self.at_least is None or number >= self.at_least)
             and (self.at_most is None or number <= self.at_most)
+            and (self.below is None or number < self.below)
             and not math.isnan(number)
             and (self.infinite or math.isfinite(number) or isinstance(value, Distribution))
         )
@@ -58,7 +62,12 @@ class Quantity(Spec):
         """What the field accepts, in words."""
         limits = [
             f"{word} {limit:g}"
-            for word, limit in (("above", self.above), ("at least", self.at_least), ("at most", self.at_most))
+            for word, limit in (
+                ("above", self.above),
+                ("at least", self.at_least),
+                ("at most", self.at_most),
+                ("below", self.below),
+            )
             if limit is not None
         ]
         words = " and ".join(limits) if limits else ("any number" if self.infinite else "any finite number")

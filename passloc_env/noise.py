@@ -17,6 +17,10 @@ from passloc_env.arrays import Array, IntArray
 
 _KINDS = 8
 _QUANTITIES, _PRIOR, _NUISANCES, _MEASUREMENT, _PROCESS, _DETECTION, _NAVIGATION, _UNIFORM = range(_KINDS)
+_FAULT = _KINDS + _DETECTION
+"""A kind beyond these has the keys of the one so many before it, and draws from far ahead in that stream."""
+
+_FAR = 1 << 96
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,7 @@ class NoiseSizes:
         measurement: scalars per measurement.
         process: process noises per step.
         detection: sensors that may miss; 0 when none does.
+        fault: draws per step that decide what goes wrong; 0 when nothing does.
         navigation: errors that each platform needs, for a whole episode and at each instant.
         uniform: which scalars of a measurement have uniform errors.
     """
@@ -44,6 +49,7 @@ class NoiseSizes:
     detection: int
     navigation: tuple[tuple[int, int], ...] = ()
     uniform: tuple[int, ...] = ()
+    fault: int = 0
 
 
 class NavigationErrors(NamedTuple):
@@ -64,6 +70,8 @@ class StepNoise(NamedTuple):
     """Standard normals ``(w, N)`` that disturb the emitter on its way there."""
     detection: Array
     """Standard uniforms ``(s, N)`` that decide what is detected."""
+    fault: Array
+    """Standard uniforms ``(2s, N)`` that decide which errors are outliers, and what comes late; 1 at the first look."""
     navigation: list[NavigationErrors]
     """The navigation errors of each platform."""
 
@@ -104,6 +112,7 @@ class EpisodeNoise:
         self._measurement: Array = np.zeros((environments, sizes.steps + 1, sizes.measurement))
         self._process: Array = np.zeros((environments, sizes.steps + 1, sizes.process))
         self._detection: Array = np.zeros((environments, sizes.steps + 1, sizes.detection))
+        self._fault: Array = np.ones((environments, sizes.steps + 1, sizes.fault))
         constant = sum(kept for kept, _ in sizes.navigation)
         fresh = sum(renewed for _, renewed in sizes.navigation)
         self._constant_errors: Array = np.zeros((constant, environments))
@@ -132,6 +141,8 @@ class EpisodeNoise:
             self._stream(keys, _PROCESS).standard_normal(out=self._process[column, 1:])
         if self._sizes.detection:
             self._stream(keys, _DETECTION).random(out=self._detection[column])
+        if self._sizes.fault:
+            self._stream(keys, _FAULT).random(out=self._fault[column, 1:])
 
         if len(self._constant_errors) or self._fresh_errors.shape[-1]:
             stream = self._stream(keys, _NAVIGATION)
@@ -140,9 +151,12 @@ class EpisodeNoise:
 
     def _stream(self, keys: list[int], kind: int) -> np.random.Generator:
         """The stream of a kind of noise: one generator, set anew, for building one costs more than its draws."""
+        further, kind = divmod(kind, _KINDS)
         high, low, odd, even = keys[4 * kind : 4 * kind + 4]
         self._words["state"], self._words["inc"] = high << 64 | low, odd << 64 | even | 1
         self._bits.state = self._state
+        if further:
+            self._bits.advance(further * _FAR)
         return self._generator
 
     def at(self, step: IntArray, columns: IntArray | slice = slice(None)) -> StepNoise:
@@ -151,6 +165,7 @@ class EpisodeNoise:
             self.measurement(step, columns),
             self.process(step, columns),
             self.detection(step, columns),
+            self._taken(self._fault, step, columns),
             self.navigation(step, columns),
         )
 
@@ -161,7 +176,8 @@ class EpisodeNoise:
 
     def tables(self) -> dict[str, StepTable]:
         """Where :meth:`at` finds what is new at every step, by kind; of the navigation errors, by platform."""
-        every = {"measurement": self._measurement, "process": self._process, "detection": self._detection}
+        every = {"measurement": self._measurement, "process": self._process}
+        every |= {"detection": self._detection, "fault": self._fault}
         tables = {kind: StepTable(array.reshape(-1), array.shape[-1]) for kind, array in every.items()}
         fresh, first = self._fresh_errors.reshape(-1), 0
         for platform, (_, renewed) in enumerate(self._sizes.navigation):
@@ -213,6 +229,7 @@ class EpisodeNoise:
             "measurement": np.moveaxis(self._measurement, 0, -1),
             "process": np.moveaxis(self._process[:, 1:], 0, -1),
             "detection": np.moveaxis(self._detection, 0, -1),
+            "fault": np.moveaxis(self._fault[:, 1:], 0, -1),
             "constant_errors": self._constant_errors,
             "fresh_errors": np.moveaxis(self._fresh_errors, 0, -1),
         }

@@ -7,7 +7,7 @@ from passloc_env.models import ScenarioModels
 from passloc_env.noise import NoiseSizes
 from passloc_env.randomisation import take
 from passloc_env.scenario import Scenario
-from passloc_env.sensor_suite import may_miss
+from passloc_env.sensor_suite import may_fail, may_miss
 
 
 def noise_sizes(scenario: Scenario, models: ScenarioModels, quantities: int) -> NoiseSizes:
@@ -22,6 +22,7 @@ def noise_sizes(scenario: Scenario, models: ScenarioModels, quantities: int) -> 
         detection=len(scenario.sensors) if may_miss(scenario.sensors) else 0,
         navigation=tuple((platform.constant_errors, platform.fresh_errors) for platform in scenario.platforms),
         uniform=models.suite.uniform,
+        fault=2 * len(scenario.sensors) if may_fail(scenario.sensors) else 0,
     )
 
 

@@ -18,7 +18,7 @@ class Randomisation:
     """A scenario whose distributions have become arrays ``(N,)``, refilled in place at every reset.
 
     Every quantity of the scenario, random or not, owns one uniform draw per episode, so that making one of them random
-    never shifts the numbers of another.
+    never shifts the numbers of another. Those that are appended come last.
 
     Attributes:
         realised: the component with arrays in place of distributions.
@@ -31,7 +31,10 @@ class Randomisation:
         self._slots: list[tuple[int, Distribution, Array]] = []
         self.size = 0
         self.random: set[str] = set()
+        self._appended: list[tuple[Any, str, str]] = []
         self.realised = self._realise(component, "")
+        for owner, name, where in self._appended:
+            object.__setattr__(owner, name, self._slot(getattr(owner, name), where))
 
     def sample(self, columns: IntArray, uniforms: Array) -> None:
         """Draw new numbers for the given environments from standard uniforms ``(size, k)``."""
@@ -46,7 +49,9 @@ class Randomisation:
         realised = copy.copy(component)
         for name, spec in specs(type(component)).items():
             value, where = getattr(component, name), f"{path}{name}"
-            if isinstance(spec, Quantity):
+            if isinstance(spec, Quantity) and spec.appended:
+                self._appended.append((realised, name, where))
+            elif isinstance(spec, Quantity):
                 value = self._slot(value, where)
             elif isinstance(spec, Vector):
                 value = tuple(self._slot(item, where) for item in value)

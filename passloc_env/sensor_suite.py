@@ -9,6 +9,7 @@ from passloc_env.arrays import Array, BoolArray, blank, zeros_for
 from passloc_env.distributions import Distribution
 from passloc_env.errors import ScenarioError
 from passloc_env.linalg import LinearMap, cholesky, diagonal, solve_lower
+from passloc_env.noise import StepNoise
 from passloc_env.nuisance import Nuisance, distinct
 from passloc_env.sensors import Sensor
 from passloc_env.sightline import Scene
@@ -34,7 +35,7 @@ class SensorSuite:
         self._noise_root = root = cholesky(self.noise_covariance).lower
         self.noise_pivots = np.square(diagonal(root))
         self._disturb = LinearMap(root, dense=dense)
-        self.may_miss = may_miss(sensors)
+        self.may_miss, self._outlying = may_miss(sensors), outlying(sensors)
 
     def _stack_noise(self) -> Array:
         blocks = [sensor.noise_covariance() for sensor in self.sensors]
@@ -60,6 +61,35 @@ class SensorSuite:
     def noise(self, errors: Array) -> Array:
         """Measurement noise ``(m, N)`` from uncorrelated errors of unit variance ``(m, N)``."""
         return self._disturb(errors)
+
+    def inflation(self, draws: Array) -> Array | None:
+        """How many times as wide as usual the error of each scalar is ``(m, N)``; None where there are no outliers.
+
+        Args:
+            draws: standard uniforms ``(2s, N)``, of which the first half decides.
+        """
+        if not self._outlying:
+            return None
+        inflation = blank(draws, (self.size, draws.shape[-1]))
+        for sensor, rows, uniform in zip(self.sensors, self.rows, draws, strict=False):
+            outlier = uniform < sensor.faults.outlier_probability
+            inflation[rows] = np.where(outlier, sensor.faults.outlier_scale, 1.0)
+        return inflation
+
+    def chances(self, noise: StepNoise, time: Array) -> Array | None:
+        """One standard uniform per sensor ``(s, N)``, for :meth:`detected`; None when no sensor can miss by chance.
+
+        It is 1, with which nothing is ever detected, where a measurement made at ``time (N,)`` comes late or a sensor
+        is out of order.
+        """
+        if not self.may_miss:
+            return None
+        uniforms = noise.detection.copy()
+        for index, sensor in enumerate(self.sensors):
+            if sensor.faults.losing:
+                silent = sensor.faults.silent(time, noise.fault[len(self.sensors) + index])
+                uniforms[index] = np.where(silent, 1.0, uniforms[index])
+        return uniforms
 
     def whitened(self, rows: Array) -> Array:
         """``R^{-1/2} H`` for rows ``H (m, n, …)``, of independent noise with unit variance; a new array."""
@@ -118,9 +148,19 @@ class SensorSuite:
 
 
 def may_miss(sensors: tuple[Sensor, ...]) -> bool:
-    """Whether any sensor can miss a measurement."""
+    """Whether any sensor can miss a measurement, or lose it."""
     certain = [isinstance(s.detection_probability, float) and s.detection_probability == 1.0 for s in sensors]
-    return not all(certain)
+    return not all(certain) or any(sensor.faults.losing for sensor in sensors)
+
+
+def outlying(sensors: tuple[Sensor, ...]) -> bool:
+    """Whether the errors of any sensor may be outliers."""
+    return any(sensor.faults.outlying for sensor in sensors)
+
+
+def may_fail(sensors: tuple[Sensor, ...]) -> bool:
+    """Whether anything may go wrong with any sensor."""
+    return outlying(sensors) or any(sensor.faults.losing for sensor in sensors)
 
 
 def nuisances(sensors: tuple[Sensor, ...]) -> tuple[Nuisance, ...]:

@@ -58,6 +58,7 @@ class Survey:
         self._first_poses, self._first_chances = self._poses(self.simulation), self._chances(self.simulation)
         self.path: list[list[Pose]] = []
         self._uniforms: list[Array | None] = []
+        self._inflations: list[Array | None] = []
         self._rows: list[Array] = []
         self._states: list[Array] = []
         self._bounds: list[Array] = []
@@ -76,8 +77,9 @@ class Survey:
         scene = simulation.bound_scene()
         self.path.append(self._poses(simulation))
         self._uniforms.append(self._chances(simulation))
+        self._inflations.append(self._inflation(simulation))
         self._states.append(scene.state[:, 0].copy())
-        self._rows.append(fisher_rows(simulation.models.suite, scene, simulation.detected))
+        self._rows.append(fisher_rows(simulation.models.suite, scene, simulation.detected, self._inflations[-1]))
         self._bounds.append(simulation.information.bound[..., 0].copy())
 
     @staticmethod
@@ -89,7 +91,12 @@ class Survey:
     @staticmethod
     def _chances(simulation: Simulation) -> Array | None:
         """What decides which sensors miss by chance now ``(s, 1)``; None when none can."""
-        return simulation.noise.detection(simulation.step_count) if simulation.models.suite.may_miss else None
+        return simulation.models.suite.chances(simulation.noise_at(), simulation.time)
+
+    @staticmethod
+    def _inflation(simulation: Simulation) -> Array | None:
+        """How many times as wide as usual each error is now ``(m, 1)``; None where there are no outliers."""
+        return simulation.models.suite.inflation(simulation.noise_at().fault)
 
     @property
     def dynamics(self) -> Dynamics:
@@ -121,7 +128,8 @@ class Survey:
     def bound_elsewhere(self, positions: Array) -> Array:
         """What the same path would come to for emitters that start elsewhere, with the same velocity.
 
-        What was missed by chance is missed there too; what is hidden depends on where they are.
+        What was missed by chance is missed there too, and outliers are outliers; what is hidden depends on where they
+        are.
 
         Args:
             positions: where they start ``(d, N)``, m.
@@ -153,5 +161,5 @@ class Survey:
             detected=suite.detected(Scene(start, self.layout, self._first_poses), self._first_chances),
         )
         prior = np.broadcast_to(self.simulation.realised.prior.at_truth(look), (*self.prior.shape[:2], start.shape[1]))
-        bounds = cramer_rao_path(self.dynamics, suite, start, prior, self.path, self._uniforms)
+        bounds = cramer_rao_path(self.dynamics, suite, start, prior, self.path, self._uniforms, self._inflations)
         return root_trace(bounds[-1], self.layout.position)

@@ -39,8 +39,8 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             episode returns the new one's first observation, the last one is in ``info["final_obs"]`` and
             ``info["final_info"]``. ``Disabled``: finished environments must be reset with
             ``options={"reset_mask": mask}``.
-        diagnostics: put truth, estimate, covariance, NEES, relative range error, bound (σ_r in metres), range and
-            repairs into ``info``.
+        diagnostics: put truth, estimate, covariance, NEES, relative range error, bound (σ_r in metres), range,
+            repairs and measurements gated into ``info``.
         workers: on how many processes to fly, at most; a batch too small for them to pay takes fewer. Results are the
             same to the last bit. A script that asks for more than one must do its work under
             ``if __name__ == "__main__":``, for the others import it. The worlds of a batch on several processes

@@ -84,24 +84,27 @@ class World:
         self._restart_where_broken(measurement, reported)
 
         self.information.advance()
-        self._inform(scene, self.detected)
+        self._inform(scene, self.detected, noise)
         self._score(scene)
 
     def noise_at(self, columns: IntArray | slice = slice(None)) -> StepNoise:
         """The noise of the sensor step that ends now, in some environments; that of the last one when time is over."""
         return self.noise.at(np.minimum(self.step_count, self.scenario.episode.steps), columns)
 
-    def measure(self, scene: Scene, noise: StepNoise | None = None) -> tuple[Array, BoolArray | None]:
+    def measure(
+        self, scene: Scene, noise: StepNoise | None = None, time: Array | None = None
+    ) -> tuple[Array, BoolArray | None]:
         """The noisy measurement ``(m, k)`` of a true scene, and what of it was detected (None: all).
 
-        ``noise`` is that of the environments that the scene shows; all, as they are now, by default.
+        ``noise`` and ``time (k,)`` are those of the environments that the scene shows; all, as they are now, by
+        default.
         """
-        noise = self.noise_at() if noise is None else noise
+        noise, time = self.noise_at() if noise is None else noise, self.time if time is None else time
         suite = self.models.suite
-        measurement = suite.measure(scene)
-        measurement += suite.noise(noise.measurement)
+        measurement, inflation = suite.measure(scene), suite.inflation(noise.fault)
+        measurement += suite.noise(noise.measurement if inflation is None else inflation * noise.measurement)
         suite.wrap(measurement)
-        return measurement, suite.detected(scene, noise.detection if suite.may_miss else None)
+        return measurement, suite.detected(scene, suite.chances(noise, time))
 
     def _move_emitter(self, time: Array, noise: StepNoise) -> None:
         """Where the emitter goes in one period, process noise included."""
@@ -109,10 +112,11 @@ class World:
         dynamics.advance(self.truth, time)
         dynamics.disturb(self.truth, noise.process)
 
-    def _inform(self, scene: Scene, detected: BoolArray | None) -> None:
-        """Account for what the measurement tells at the true geometry."""
+    def _inform(self, scene: Scene, detected: BoolArray | None, noise: StepNoise) -> None:
+        """Account for what the measurement tells at the true geometry; outliers tell as little as they are wide."""
         suite, scene = self.models.suite, self._in_bound_layout(scene)
-        self.information.absorb(suite.jacobian(scene), suite, detected)
+        jacobian, inflation = suite.jacobian(scene), suite.inflation(noise.fault)
+        self.information.absorb(jacobian if inflation is None else jacobian / inflation[:, None], suite, detected)
 
     def decide(self, action: Array, noise: StepNoise) -> None:
         """Turn an action into set-points, relative to the believed lines of sight."""
@@ -276,7 +280,8 @@ class World:
         states = [zeros(truth, (1, len(evaluated))) + platform.start(len(evaluated)) for platform in platforms]
         poses = _poses(platforms, states)
         reported = self._reported(platforms, states, poses, chance.first)
-        heard = self.measure(Scene(truth, self.models.truth.layout, poses), chance.first)
+        begin = zeros(truth, (len(evaluated),))
+        heard = self.measure(Scene(truth, self.models.truth.layout, poses), chance.first, begin)
 
         look = self._first_look(truth, heard, reported, chance.prior)
         mean, covariance = prior.start(look)

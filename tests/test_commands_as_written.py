@@ -30,6 +30,7 @@ from training.commands import (
     Report,
     Reproduce,
     Seeds,
+    Soak,
     Train,
     Tune,
 )
@@ -49,6 +50,7 @@ LESS: dict[type, dict[str, Any]] = {
     Report: {"episodes": 8},
     Leaderboard: {"scenarios": "CrossFix", "episodes": 2},
     Reproduce: {"runs": 2, "paper": "cross-fix"},
+    Soak: {"steps": 1, "episodes": 2},
     Replay: {"override": ("episode.steps=40",)},
     Bench: {"sizes": (1,), "rounds": 1, "seconds": 1e-3, "workers": 1, "peers": False}
     | {"growth": False, "trackers": False, "learning": False, "guard": False},

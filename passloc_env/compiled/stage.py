@@ -123,10 +123,10 @@ def _noise_of(graph: Graph, name: str, simulation: Any, known: Mapping[str, Trac
         NavigationErrors(known[f"constant.{platform}"], drawn(f"fresh.{platform}", errors.fresh))
         for platform, errors in enumerate(example.navigation)
     ]
-    measurement, process, detection = (
-        drawn(kind, getattr(example, kind)) for kind in ("measurement", "process", "detection")
+    measurement, process, detection, fault = (
+        drawn(kind, getattr(example, kind)) for kind in ("measurement", "process", "detection", "fault")
     )
-    return StepNoise(measurement, process, detection, navigation)
+    return StepNoise(measurement, process, detection, fault, navigation)
 
 
 def trace(simulation: Any, name: str) -> Stage:

@@ -13,7 +13,9 @@ from passloc_env.sensor_suite import SensorSuite
 from passloc_env.sightline import Scene
 
 
-def fisher_rows(suite: SensorSuite, scene: Scene, detected: BoolArray | None = None) -> Array:
+def fisher_rows(
+    suite: SensorSuite, scene: Scene, detected: BoolArray | None = None, inflation: Array | None = None
+) -> Array:
     """The measurement Jacobian of a scene divided by the noise: ``R^{-1/2} H (m, n, N)``.
 
     A simulation offers all three, ``simulation.models.suite``, ``simulation.bound_scene()`` and
@@ -23,8 +25,11 @@ def fisher_rows(suite: SensorSuite, scene: Scene, detected: BoolArray | None = N
         suite: what is heard.
         scene: true geometry.
         detected: which scalars ``(m, N)`` were measured; rows of the others are zero. None means all.
+        inflation: how many times as wide as usual their errors are ``(m, N)``; None where there are no outliers.
     """
     jacobian = suite.jacobian(scene)
+    if inflation is not None:
+        jacobian /= inflation[:, None]
     if detected is not None:
         jacobian *= detected[:, None]
     return suite.whitened(jacobian)

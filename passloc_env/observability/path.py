@@ -23,6 +23,7 @@ def cramer_rao_path(
     prior: Array,
     path: Sequence[Sequence[Pose]],
     uniforms: Sequence[Array | None] | None = None,
+    inflations: Sequence[Array | None] | None = None,
 ) -> Array:
     """The bound after every measurement of emitters that move as the model says, without process noise.
 
@@ -36,6 +37,8 @@ def cramer_rao_path(
         path: at each instant, one pose per platform, ``(d, 1 | N)``.
         uniforms: at each instant, one draw per sensor ``(s, 1 | N)``, for sensors that may miss; None where nothing is
             missed by chance. What is hidden or on top of a platform is never measured.
+        inflations: at each instant, how many times as wide as usual the error of each scalar is ``(m, 1 | N)``; None
+            where there are no outliers.
 
     Returns:
         Covariances ``(K, n, n, N)``.
@@ -49,19 +52,28 @@ def cramer_rao_path(
     environments = state.shape[1]
     require_exactly("start", state, (n, environments))
     known = require_exactly("prior", prior, (n, n, environments), (n, n, 1))
-    draws = [None] * len(path) if uniforms is None else list(uniforms)
-    if len(draws) != len(path):
-        raise InputError(f"uniforms of {len(draws)} instants is not possible: must be {len(path)}, as the path")
+    draws, widths = _along("uniforms", uniforms, len(path)), _along("inflations", inflations, len(path))
     information = Information(dynamics, environments)
     information.start(np.arange(environments), known)
     time = np.zeros(environments)
     bounds = np.empty((len(path), *information.bound.shape))
     with np.errstate(all="ignore"):
-        for instant, (poses, chances) in enumerate(zip(path, draws, strict=True)):
+        for instant, (poses, chances, inflation) in enumerate(zip(path, draws, widths, strict=True)):
             dynamics.advance(state, time)
             time += dynamics.period
             scene = Scene(state, dynamics.layout, list(poses))
             information.advance()
-            information.absorb(suite.jacobian(scene), suite, suite.detected(scene, chances))
+            jacobian = suite.jacobian(scene)
+            if inflation is not None:
+                jacobian /= inflation[:, None]
+            information.absorb(jacobian, suite, suite.detected(scene, chances))
             bounds[instant] = information.bound
     return bounds
+
+
+def _along(name: str, given: Sequence[Array | None] | None, instants: int) -> list[Array | None]:
+    """What is given at each instant of a path; InputError when that is not as long as the path."""
+    values: list[Array | None] = [None] * instants if given is None else list(given)
+    if len(values) != instants:
+        raise InputError(f"{name} of {len(values)} instants is not possible: must be {instants}, as the path")
+    return values

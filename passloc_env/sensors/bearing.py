@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from passloc_env.arrays import Array, BoolArray, Number
-from passloc_env.fields import count, option, quantity, vector
+from passloc_env.faults import SOUND, Faults
+from passloc_env.fields import count, option, part, quantity, vector
 from passloc_env.sensors.sensor import Sensor, scalar_covariance
 from passloc_env.sightline import Scene
 
@@ -23,6 +24,7 @@ class Bearing(Sensor):
     lever_arm: tuple[Number, ...] = vector("where on the platform, along its body axes", (), unit="m")
     detection_probability: Number = quantity("chance that a measurement is made", 1.0, above=0, at_most=1)
     noise_law: str = option("how its errors are distributed", "gaussian", ("gaussian", "uniform"))
+    faults: Faults = part(Faults, "what goes wrong", SOUND)
 
     @property
     def mean_squared_sine(self) -> Number:

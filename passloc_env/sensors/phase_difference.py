@@ -8,7 +8,8 @@ from typing import Any
 
 from passloc_env.arrays import Array, Number
 from passloc_env.errors import ScenarioError
-from passloc_env.fields import count, quantity, vector
+from passloc_env.faults import SOUND, Faults
+from passloc_env.fields import count, part, quantity, vector
 from passloc_env.linalg import inner
 from passloc_env.nuisance import Nuisance
 from passloc_env.sensors.sensor import Sensor, scalar_covariance
@@ -38,6 +39,7 @@ class PhaseDifference(Sensor):
     platform: int = count("index of the platform that carries it", 0)
     lever_arm: tuple[Number, ...] = vector("where on the platform, along its body axes", (), unit="m")
     detection_probability: Number = quantity("chance that a measurement is made", 1.0, above=0, at_most=1)
+    faults: Faults = part(Faults, "what goes wrong", SOUND)
 
     @property
     def misaligned(self) -> bool:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from passloc_env.arrays import Array, Number
-from passloc_env.fields import count, quantity, vector
+from passloc_env.faults import SOUND, Faults
+from passloc_env.fields import count, part, quantity, vector
 from passloc_env.sensors.sensor import Sensor, scalar_covariance
 from passloc_env.sightline import Scene
 
@@ -24,6 +25,7 @@ class RadialAcceleration(Sensor):
     platform: int = count("index of the platform that carries it", 0)
     lever_arm: tuple[Number, ...] = vector("where on the platform, along its body axes", (), unit="m")
     detection_probability: Number = quantity("chance that a measurement is made", 1.0, above=0, at_most=1)
+    faults: Faults = part(Faults, "what goes wrong", SOUND)
 
     def measure(self, scene: Scene) -> Array:
         """``r̈ (1, …, N)``."""

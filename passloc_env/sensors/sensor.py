@@ -11,6 +11,7 @@ import numpy as np
 
 from passloc_env.arrays import Array, BoolArray, Number, numbers
 from passloc_env.component import Component
+from passloc_env.faults import SOUND, Faults
 from passloc_env.fields import abstract
 from passloc_env.nuisance import Nuisance
 from passloc_env.sightline import Scene
@@ -29,6 +30,9 @@ class Sensor(Component):
 
     angular: tuple[bool, ...] = (False,)
     """Which of them are angles, to be compared around the circle."""
+
+    faults: Faults = SOUND
+    """What goes wrong with it; a sensor that makes this a field lets scenarios say."""
 
     noise_law: str = "gaussian"
     """``"gaussian"``, or ``"uniform"`` for errors that are equally likely within ``√3`` standard deviations."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from passloc_env.arrays import Array, Number
 from passloc_env.errors import ScenarioError
-from passloc_env.fields import count, quantity, vector
+from passloc_env.faults import SOUND, Faults
+from passloc_env.fields import count, part, quantity, vector
 from passloc_env.sensors.sensor import Sensor, scalar_covariance
 from passloc_env.sightline import Scene
 from passloc_env.units import SPEED_OF_LIGHT
@@ -23,6 +24,7 @@ class TimeDifference(Sensor):
     other_lever_arm: tuple[Number, ...] = vector("where on the other platform", (), unit="m")
     propagation_speed: Number = quantity("speed of propagation", SPEED_OF_LIGHT, unit="m/s", above=0)
     detection_probability: Number = quantity("chance that a measurement is made", 1.0, above=0, at_most=1)
+    faults: Faults = part(Faults, "what goes wrong", SOUND)
 
     def validate(self) -> None:
         """The two places must differ."""

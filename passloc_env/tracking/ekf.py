@@ -20,6 +20,7 @@ from passloc_env.motion import ConstantVelocity, Motion
 from passloc_env.platforms import Pose
 from passloc_env.sightline import Scene
 from passloc_env.tracking.correction import correct, repair
+from passloc_env.tracking.gating import gate_of, gate_probability
 from passloc_env.tracking.tracker import Models, Track, Tracker
 
 
@@ -28,6 +29,7 @@ class ExtendedKalman(Tracker):
     """Extended Kalman filter; linear motions, any sensors."""
 
     motion: Motion = part(Motion, "how it believes the emitter moves", ConstantVelocity())
+    gate: float = gate_probability()
 
     def validate(self) -> None:
         """Nonlinear motions have no transition matrix."""
@@ -37,11 +39,15 @@ class ExtendedKalman(Tracker):
 
     def build(self, models: Models, environments: int) -> ExtendedTrack:
         """The running filter."""
-        return ExtendedTrack(models, environments)
+        return ExtendedTrack(self, models, environments)
 
 
 class ExtendedTrack(Track):
     """The running filter of a batch."""
+
+    def __init__(self, filter_: ExtendedKalman, models: Models, environments: int) -> None:
+        super().__init__(models, environments)
+        self.gate = gate_of(filter_.gate, models.suite)
 
     def predict(self, time: Array) -> None:
         """``x ← F x + B u``, ``P ← F P Fᵀ + Q``."""
@@ -60,4 +66,5 @@ class ExtendedTrack(Track):
         right[:, :n] = matmul(rows, self.covariance)
         right[:, n] = suite.difference(measurement, suite.measure(scene))
         innovation_covariance = matmul(right[:, :n], transpose(rows)) + suite.noise_covariance
-        correct(self, right, innovation_covariance, suite.noise_pivots, detected)
+        used = self.admit(right[:, n], innovation_covariance, detected)
+        correct(self, right, innovation_covariance, suite.noise_pivots, used)

@@ -102,6 +102,12 @@ class MixtureTrack(Track):
         """Let mean and covariance be those of the mixture."""
         self.mean[...], self.covariance[...] = moments(self.weights, self.members.mean, self.members.covariance)
 
+    def admit(self, innovation: Array, covariance: Array, detected: BoolArray | None) -> BoolArray | None:
+        """The same for the members' innovations ``(m, M, N)``, taken together: all use it or none."""
+        if self.gate is None:
+            return detected
+        return super().admit(*moments(self.weights, innovation, covariance), detected)
+
     def weigh(self, log_likelihood: Array) -> None:
         """Bayes' rule for the weights, from what the innovations say ``(M, N)``; then :meth:`combine`."""
         sound = np.isfinite(log_likelihood)

@@ -22,6 +22,7 @@ from passloc_env.platforms import Pose
 from passloc_env.sightline import distance
 from passloc_env.special import erf
 from passloc_env.tracking.correction import log_likelihood
+from passloc_env.tracking.gating import gate_of
 from passloc_env.tracking.mixture import MixtureTrack, moments
 from passloc_env.tracking.tracker import Models
 from passloc_env.tracking.ukf import UnscentedKalman
@@ -59,6 +60,7 @@ class RangeBankTrack(MixtureTrack):
     def __init__(self, bank: RangeBank, models: Models, environments: int) -> None:
         super().__init__(models, environments, bank.members)
         self._bank, self._transform = bank, bank.transform(models.layout.size)
+        self.gate = gate_of(bank.gate, models.suite)
 
     def start(self, columns: IntArray, mean: Array, covariance: Array, origin: Array | None = None) -> None:
         """Begin anew in the given environments, with the prior cut into stretches of range as seen from ``origin``."""
@@ -77,7 +79,7 @@ class RangeBankTrack(MixtureTrack):
 
     def update(self, measurement: Array, poses: list[Pose], detected: BoolArray | None = None) -> None:
         """Every member's correction, and its weight."""
-        lower = self._transform.update(self.members, self.models, measurement, poses, detected)
+        lower = self._transform.update(self.members, self.models, measurement, poses, detected, self.admit)
         self.weigh(log_likelihood(self.members, lower))
 
     def _split(self, mean: Array, covariance: Array, away: Array) -> tuple[Array, Array, Array]:

@@ -25,6 +25,7 @@ from passloc_env.arrays import Array, BoolArray, IntArray, blank, lasting, zeros
 from passloc_env.linalg import cholesky, diagonal, mend, solve_lower, transpose, tree_sum
 from passloc_env.platforms import Pose
 from passloc_env.sightline import Scene
+from passloc_env.tracking.gating import gate_of
 from passloc_env.tracking.tracker import Models, Track
 from passloc_env.tracking.ukf import UnscentedKalman
 from passloc_env.tracking.unscented import check_spread, sigma_points
@@ -56,6 +57,8 @@ class SquareRootTrack(Track):
         super().__init__(models, environments)
         n = models.layout.size
         self.root: Array = lasting((n, n, environments))
+        self._transform = filter_.transform(n)
+        self.gate = gate_of(filter_.gate, models.suite)
         self._spread = check_spread(filter_.alpha, filter_.kappa, n)
         self._weight = 0.5 / self._spread
         # w Σ (d − tμ)(d − tμ)ᵀ = w Σ d dᵀ + (rt² − 2t) μ μᵀ, and the filter's coefficient of μ μᵀ is β − α².
@@ -97,7 +100,8 @@ class SquareRootTrack(Track):
         """The equations of the module's head."""
         suite = self.models.suite
         n, m, size = len(self.mean), suite.size, self.mean.shape[1]
-        differences = self._differences(measurement, poses, detected)
+        differences = self._differences(measurement, poses)
+        detected = self._silence(differences, detected)
         ahead, behind = differences[:, 1 : n + 1], differences[:, n + 1 :]
         half = math.sqrt(0.5 * self._weight)
         joint, leading = blank(self.root, (m + n, n, size)), zeros(self.root, (m + n, m, size))
@@ -119,20 +123,30 @@ class SquareRootTrack(Track):
     def _points(self) -> Array:
         return sigma_points(self.mean, math.sqrt(self._spread) * self.root)
 
-    def _differences(self, measurement: Array, poses: list[Pose], detected: BoolArray | None) -> Array:
-        """What was measured, then what each pair of sigma points would be, minus the centre's ``(m, 2n + 1, N)``.
-
-        A scalar that was not detected differs nowhere: it tells nothing and is explained by nothing.
-        """
+    def _differences(self, measurement: Array, poses: list[Pose]) -> Array:
+        """What was measured, then what each pair of sigma points would be, minus the centre's ``(m, 2n + 1, N)``."""
         suite = self.models.suite
         predicted = suite.measure(Scene(self._points(), self.models.layout, poses))
         centre = predicted[:, :1].copy()
         predicted[:, 0] = measurement
         predicted -= centre
         suite.wrap(predicted)
-        if detected is not None:
-            predicted[np.broadcast_to(~detected[:, None], predicted.shape)] = 0.0
         return predicted
+
+    def _silence(self, differences: Array, detected: BoolArray | None) -> BoolArray | None:
+        """Which scalars are used ``(m, N)``, None for all; the others are made to differ nowhere.
+
+        Such a scalar tells nothing and is explained by nothing.
+        """
+        used = detected
+        if self.gate is not None:
+            deviations = transpose(differences[:, 1:])
+            shift = self._weight * tree_sum(deviations.copy())
+            covariance = self._transform.moment(deviations, shift) + self.models.suite.noise_covariance
+            used = self.admit(differences[:, 0] - shift, covariance, detected)
+        if used is not None:
+            differences[np.broadcast_to(~used[:, None], differences.shape)] = 0.0
+        return used
 
     def _unexplained(self, noise_root: Array, bends: Array, shift: Array) -> Array:
         """The block E and R^½ as one lower triangular root ``(m, m, N)``."""

@@ -15,6 +15,7 @@ from passloc_env.motion import Motion
 from passloc_env.platforms import Pose
 from passloc_env.sensor_suite import SensorSuite
 from passloc_env.sensors import Sensor
+from passloc_env.tracking.gating import Gate
 
 
 @dataclass
@@ -51,7 +52,11 @@ class Track:
         covariance: ``(n, n, N)``, symmetric to the last bit and positive definite.
         nis: normalised innovation squared of the last update ``(N,)``.
         repairs: how often each environment's covariance had to be repaired ``(N,)``.
+        gate: what keeps unlikely measurements out; None where all come in.
+        gated: how many measurements it has kept out ``(N,)``, each sensor's counted by itself.
     """
+
+    gate: Gate | None = None
 
     def __init__(self, models: Models, environments: int) -> None:
         self.models = models
@@ -60,6 +65,7 @@ class Track:
         self.covariance: Array = lasting((n, n, environments))
         self.nis: Array = np.zeros(environments)
         self.repairs: IntArray = np.zeros(environments, np.int64)
+        self.gated: IntArray = np.zeros(environments, np.int64)
 
     def start(self, columns: IntArray, mean: Array, covariance: Array, origin: Array | None = None) -> None:
         """Begin anew in the given environments from a prior ``(n, k)``, ``(n, n, k)``.
@@ -70,6 +76,7 @@ class Track:
         self.covariance[..., columns] = covariance
         self.nis[columns] = 0.0
         self.repairs[columns] = 0
+        self.gated[columns] = 0
 
     def predict(self, time: Array) -> None:
         """Advance the belief by one period from ``time (N,)``."""
@@ -82,6 +89,22 @@ class Track:
         """
         raise AssertionError(f"{type(self).__name__} must define update")
 
+    def admit(self, innovation: Array, covariance: Array, detected: BoolArray | None) -> BoolArray | None:
+        """Which scalars are to be used ``(m, N)``, None for all: of those detected, what the gate lets in.
+
+        Args:
+            innovation: ``(m, N)``.
+            covariance: ``S (m, m, N)``, what it was expected with.
+            detected: which scalars were measured ``(m, N)``; None means all.
+        """
+        if self.gate is None:
+            return detected
+        passed = self.gate.passed(innovation, covariance, self.models.suite)
+        refused = ~passed if detected is None else detected & ~passed
+        for rows in self.models.suite.rows:
+            self.gated += np.where(refused[rows.start], 1, 0)
+        return passed if detected is None else detected & passed
+
     @property
     def components(self) -> dict[str, Array]:
         """Further beliefs of multi-model trackers by name, batch axis last, live; none by default."""
@@ -89,4 +112,5 @@ class Track:
 
     def state_arrays(self) -> dict[str, np.ndarray]:
         """Everything that makes up the track's state, by name, batch axis last."""
-        return {"mean": self.mean, "covariance": self.covariance, "nis": self.nis, "repairs": self.repairs}
+        counts = {"nis": self.nis, "repairs": self.repairs, "gated": self.gated}
+        return {"mean": self.mean, "covariance": self.covariance, **counts}

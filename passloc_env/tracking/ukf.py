@@ -8,6 +8,7 @@ from passloc_env.arrays import Array, BoolArray
 from passloc_env.fields import part, quantity
 from passloc_env.motion import ConstantVelocity, Motion
 from passloc_env.platforms import Pose
+from passloc_env.tracking.gating import gate_of, gate_probability
 from passloc_env.tracking.tracker import Models, Track, Tracker
 from passloc_env.tracking.unscented import UnscentedTransform
 
@@ -20,6 +21,7 @@ class UnscentedKalman(Tracker):
     alpha: float = quantity("spread of the sigma points", 1.0, above=0, plain=True)
     beta: float = quantity("weight of the centre in the covariance; 2 suits a Gaussian", 2.0, plain=True)
     kappa: float = quantity("secondary spread", 0.0, plain=True)
+    gate: float = gate_probability()
 
     def build(self, models: Models, environments: int) -> Track:
         """The running filter; ScenarioError when kappa leaves no spread in this state size."""
@@ -36,6 +38,7 @@ class UnscentedTrack(Track):
     def __init__(self, filter_: UnscentedKalman, models: Models, environments: int) -> None:
         super().__init__(models, environments)
         self._transform = filter_.transform(models.layout.size)
+        self.gate = gate_of(filter_.gate, models.suite)
 
     def predict(self, time: Array) -> None:
         """``x ← f(x)``, ``P ← F P Fᵀ + Q`` or its sigma-point form."""
@@ -43,4 +46,4 @@ class UnscentedTrack(Track):
 
     def update(self, measurement: Array, poses: list[Pose], detected: BoolArray | None = None) -> None:
         """The unscented correction."""
-        self._transform.update(self, self.models, measurement, poses, detected)
+        self._transform.update(self, self.models, measurement, poses, detected, self.admit)

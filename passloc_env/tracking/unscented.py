@@ -14,6 +14,8 @@ which equals the textbook form (Wan & van der Merwe 2000) because the offsets ``
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from passloc_env.arrays import Array, BoolArray, blank
@@ -24,6 +26,9 @@ from passloc_env.platforms import Pose
 from passloc_env.sightline import Scene
 from passloc_env.tracking.correction import Gaussian, correct, repair
 from passloc_env.tracking.tracker import Models
+
+Admission = Callable[[Array, Array, BoolArray | None], BoolArray | None]
+"""Which scalars are to be used, of innovations, their covariance and what was detected; see :meth:`Track.admit`."""
 
 
 def check_spread(alpha: float, kappa: float, states: int) -> float:
@@ -63,12 +68,18 @@ class UnscentedTransform:
         deviations = transpose(moved[:, 1:] - moved[:, :1])
         shift = self._weight * tree_sum(deviations.copy())
         mean[...] = moved[:, 0] + shift
-        covariance[...] = self._moment(deviations, shift) + spaced(dynamics.process_noise, covariance.ndim)
+        covariance[...] = self.moment(deviations, shift) + spaced(dynamics.process_noise, covariance.ndim)
 
     def update(
-        self, belief: Gaussian, models: Models, measurement: Array, poses: list[Pose], detected: BoolArray | None
+        self,
+        belief: Gaussian,
+        models: Models,
+        measurement: Array,
+        poses: list[Pose],
+        detected: BoolArray | None,
+        admit: Admission | None = None,
     ) -> Array:
-        """Absorb a measurement ``(m, N)`` by the equations of the module's head.
+        """Absorb a measurement ``(m, N)`` by the equations of the module's head, or what is admitted of it.
 
         Returns:
             The Cholesky factor of the innovation covariance, see :func:`~passloc_env.tracking.correction.correct`.
@@ -83,14 +94,15 @@ class UnscentedTransform:
         deviations = transpose(predicted[:, 1:])
         shift = self._weight * tree_sum(deviations.copy())
         noise = spaced(suite.noise_covariance, belief.covariance.ndim)
-        innovation_covariance = self._moment(deviations, shift) + noise
+        innovation_covariance = self.moment(deviations, shift) + noise
 
         right = blank(belief.mean, (suite.size, n + 1, *belief.mean.shape[1:]))
         cross, innovation = right[:, :n], right[:, n]
         slopes = deviations[:n] - deviations[n:]
         np.multiply(tree_sum(slopes[:, :, None] * transpose(offsets)[:, None]), self._weight, out=cross)
         np.subtract(predicted[:, 0], shift, out=innovation)
-        return correct(belief, right, innovation_covariance, suite.noise_pivots, detected)
+        used = detected if admit is None else admit(innovation, innovation_covariance, detected)
+        return correct(belief, right, innovation_covariance, suite.noise_pivots, used)
 
     def _offsets(self, belief: Gaussian) -> Array:
         """Columns ``√(n+λ) L (n, n, …, N)``; repairs covariances that rounding has spoilt."""
@@ -100,7 +112,7 @@ class UnscentedTransform:
             lower, _ = cholesky(belief.covariance, self._spread)
         return lower
 
-    def _moment(self, deviations: Array, shift: Array) -> Array:
+    def moment(self, deviations: Array, shift: Array) -> Array:
         """Second moment ``(k, k, …, N)`` of deviations ``(2n, k, …, N)`` from the centre point, about their mean."""
         moment = tree_sum(deviations[:, :, None] * deviations[:, None])
         moment *= self._weight

@@ -18,7 +18,7 @@ from passloc_env.scenarios import environment_id
 
 IDS = [environment_id(name) for name in SCENARIOS]
 ALWAYS = {"reward_terms", "violated"}
-DIAGNOSTICS = {"truth", "estimate", "covariance", "nees", "relative_range_error", "bound", "range", "repairs"}
+DIAGNOSTICS = {"truth", "estimate", "covariance", "nees", "relative_range_error", "bound", "range", "repairs", "gated"}
 
 
 @pytest.mark.parametrize("identifier", IDS)

@@ -17,7 +17,7 @@ ROOMS = [
     ["angles", "checks", "layout", "linalg", "component", "nuisance", "reading"],
     ["frames", "distributions", "noise", "overrides", "triangular"],
     ["fields"],
-    ["motion", "randomisation"],
+    ["motion", "randomisation", "faults"],
     ["platforms"],
     ["sightline", "target"],
     ["sensors", "dynamics"],

@@ -28,6 +28,7 @@ SIZES = NoiseSizes(
     process=4,
     detection=2,
     navigation=((2, 1), (0, 0), (1, 3)),
+    fault=4,
 )
 KINDS = {
     "uniforms": "uniform",
@@ -36,6 +37,7 @@ KINDS = {
     "measurement": "norm",
     "process": "norm",
     "detection": "uniform",
+    "fault": "uniform",
     "constant_errors": "norm",
     "fresh_errors": "norm",
 }
@@ -204,6 +206,9 @@ BASE = SCENARIOS["BearingDopplerUnknownCarrier"].override({"target.motion": Cons
     "changes",
     [
         {"sensors.1.detection_probability": 0.5},
+        {"sensors.1.faults": {"outlier_probability": 0.5, "late_probability": 0.5}},
+        {"sensors.0.faults.outage_duration": {"type": "Uniform", "low": 1.0, "high": 9.0}},
+        {"tracker.gate": 0.9},
         {"target.motion.acceleration_noise": 1.0},
         {"sensors.0.sigma": {"type": "Uniform", "low": 0.1, "high": 0.2}},
         {"episode.steps": 480},
@@ -211,7 +216,18 @@ BASE = SCENARIOS["BearingDopplerUnknownCarrier"].override({"target.motion": Cons
         {"tracker.motion": {"type": "ConstantAcceleration"}},
         {"reward": []},
     ],
-    ids=["detection", "process noise", "random sigma", "longer", "agile tracker", "other tracker", "no reward"],
+    ids=[
+        "detection",
+        "faults",
+        "random outage",
+        "gate",
+        "process noise",
+        "random sigma",
+        "longer",
+        "agile tracker",
+        "other tracker",
+        "no reward",
+    ],
 )
 @pytest.mark.parametrize(
     "prior", [BASE.prior, StatePrior(position_sigma=1e3, velocity_sigma=9.0)], ids=["range", "state"]

@@ -4,16 +4,21 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
 
 from passloc_env import SCENARIOS, LocalisationVectorEnv
+from passloc_env.scenario import Scenario
 from passloc_env.simulation import Simulation
 from passloc_env.target import PolarStart
+from training.reliability.flight import fly_leg
+from training.reliability.leg import draw
 
 SIZE = 64
 SENSOR_STEPS = 144
 """Per environment and test."""
 
-DIAGNOSTICS = ("truth", "estimate", "covariance", "nees", "relative_range_error", "bound", "range", "repairs")
+DIAGNOSTICS = ("truth", "estimate", "covariance", "nees", "relative_range_error", "bound", "range", "repairs", "gated")
 EXTREMES = [1.0, -1.0, 0.0, 1e30, -1e30, 5e-324, -5e-324, 3.4e38, 1.7e308]
 
 
@@ -172,3 +177,58 @@ def test_broken_belief_begins_anew_and_is_counted(world, part, poison):
     assert np.isfinite(world.track.covariance).all()
     assert np.isfinite(world.reward).all()
     assert np.isfinite(world.observe()).all()
+
+
+@settings(deadline=None, derandomize=True, max_examples=20)
+@given(seed=some.integers(0, 2**32 - 1), number=some.integers(0, 2**16))
+def test_any_leg_of_a_soak_breaks_nothing(seed, number):
+    """Over scenarios, sensors that fail, trackers, batches and actions, as `passloc soak` draws them."""
+    told = []
+    leg = draw(seed, number, most=8)
+    tally = fly_leg(leg, 200, told.append)
+    assert told == []
+    assert tally.sound
+    assert tally.repairs <= 1e-2 * max(tally.steps, 200)
+
+
+@settings(deadline=None, derandomize=True, max_examples=50)
+@given(seed=some.integers(0, 2**32 - 1), number=some.integers(0, 2**16))
+def test_a_leg_follows_from_its_seed_and_number(seed, number):
+    one, other = draw(seed, number), draw(seed, number)
+    assert one.scenario == other.scenario
+    assert one.environments == other.environments
+    np.testing.assert_array_equal(one.actions(), other.actions())
+    assert Scenario.from_json(one.scenario.to_json()) == one.scenario
+
+
+def test_a_soak_sees_what_it_looks_for(monkeypatch):
+    """A number that is not finite, a covariance that is not positive definite, an exception, and repairs."""
+    leg = next(leg for leg in (draw(0, number, most=8) for number in range(50)) if leg.scenario.action_size)
+
+    def told(method, spoil):
+        lines, found = [], getattr(LocalisationVectorEnv, method)
+        with monkeypatch.context() as patch:
+            patch.setattr(LocalisationVectorEnv, method, lambda env, *a, **k: spoil(env, found(env, *a, **k)))
+            tally = fly_leg(draw(0, leg.number, most=8), 1, lines.append)
+        return tally, lines
+
+    def spoil_observation(env, result):
+        result[0][0, 0] = np.nan
+        return result
+
+    def spoil_covariance(env, result):
+        env.batch.tiles[0].track.covariance[0, 0, 0] = -1.0
+        return result
+
+    def repair(env, result):
+        result[4]["repairs"][0] += 3
+        return result
+
+    def fail(env, result):
+        raise RuntimeError("as wanted")
+
+    assert told("step", spoil_observation)[1] == ["1 times a number is not finite"]
+    assert told("step", spoil_covariance)[1] == ["1 covariances are not positive definite"]
+    assert told("step", fail)[1] == ["RuntimeError: as wanted"]
+    tally, lines = told("step", repair)
+    assert (tally.repairs, lines) == (3, [])

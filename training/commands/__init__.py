@@ -12,7 +12,7 @@ from training.commands.fields import EVALUATION_SEED, Asked, Output
 from training.commands.judging import Card, Evaluate, Leaderboard, Report
 from training.commands.learning import Ablate, Convert, Demo, Seeds, Train, Tune
 from training.commands.looking import Export, List, NewScenario, Observe, Replay
-from training.commands.verifying import Bench, Reproduce
+from training.commands.verifying import Bench, Reproduce, Soak
 
 __all__ = [
     "COMMANDS",
@@ -37,6 +37,7 @@ __all__ = [
     "Report",
     "Reproduce",
     "Seeds",
+    "Soak",
     "Train",
     "Tune",
 ]
@@ -79,6 +80,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     "verify": {
         "reproduce": Command(Reproduce, "training.reproduce:reproduce"),
         "bench": Command(Bench, "training.benchmark:run"),
+        "soak": Command(Soak, "training.reliability.command:soak"),
     },
     "this program": {
         "completion": Command(Completion, "training.completion:completion"),

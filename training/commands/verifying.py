@@ -69,3 +69,28 @@ class Bench:
     out: Folder = None
     """Also write a page with the tables and a figure into this folder."""
     output: Answer = Output()
+
+
+@dataclass(frozen=True)
+class Soak:
+    """Fly random scenarios for long: nothing may break.
+
+    Exceptions, numbers that are not finite, indefinite covariances, repairs, growth of memory, and tracks that are lost
+    when sensors fail are counted. What must not happen is told with the leg that repeats it, and makes the status 1.
+
+    Examples:
+        passloc soak --steps 1000000 --out runs/reliability.md
+        passloc soak --seed 3 --leg 17
+    """
+
+    steps: int = 10_000_000
+    """Sensor steps of all environments together."""
+    episodes: int = 1000
+    """Episodes that each share of lost tracks is counted on."""
+    seed: int = 0
+    """Seed of everything random in it."""
+    leg: int | None = None
+    """Fly this leg alone, and write no page."""
+    out: Path = Path("docs/reliability.md")
+    """The page; what is there already is replaced."""
+    output: Answer = Output()

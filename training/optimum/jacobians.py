@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from passloc_env.errors import ScenarioError
+from passloc_env.faults import SOUND
 from passloc_env.layout import StateLayout
 from passloc_env.sensors import Bearing, Doppler, Sensor
 
@@ -79,6 +80,9 @@ def check_sensors(sensors: Sequence[Sensor]) -> None:
             known = ", ".join(kind.__name__ for kind in _JACOBIANS)
             allowed = f"the trajectory optimum knows {known}"
             raise ScenarioError(f"sensors.{index}", type(sensor).__name__, allowed)
+        if sensor.faults != SOUND:
+            allowed = "the trajectory optimum needs sensors with which nothing goes wrong"
+            raise ScenarioError(f"sensors.{index}.faults", sensor.faults, allowed)
         if sensor.detection_probability != 1.0:
             allowed = "the trajectory optimum needs sensors that never miss"
             raise ScenarioError(f"sensors.{index}.detection_probability", sensor.detection_probability, allowed)
