@@ -11,7 +11,6 @@ import numpy as np
 
 from passloc_env import LocalisationVectorEnv
 from passloc_env.arrays import Array, BoolArray
-from passloc_env.errors import ScenarioError
 from passloc_env.linalg import diagonal
 from training.reliability.leg import Leg
 
@@ -65,8 +64,6 @@ def fly_leg(leg: Leg, steps: int, tell: Callable[[str], None]) -> Tally:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             _fly(leg, steps, tally)
-    except ScenarioError:
-        return tally
     except Exception as error:
         tally.exceptions += 1
         tell(f"{type(error).__name__}: {' '.join(str(error).split())}")
