@@ -62,6 +62,8 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         "render_fps": FRAMES_PER_SECOND,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    # Gymnasium closes what was never finished as well.
+    _renderer: Renderer | None = None
 
     def __init__(
         self,
@@ -82,7 +84,8 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.metadata = {**self.metadata, "autoreset_mode": _mode(autoreset_mode)}
         self.batch: Batch | CrewBatch = build_batch(self.scenario, self.num_envs, int(workers))
         self.render_mode = render_mode
-        self._renderer = None if render_mode is None else Renderer(self.batch, render_mode)
+        if render_mode is not None:
+            self._renderer = Renderer(self.batch, render_mode)
         self.single_observation_space = observation_space(self.scenario)
         self.single_action_space = action_space(self.scenario)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -153,8 +156,9 @@ class LocalisationVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Send the workers home and close the window."""
         if self._renderer is not None:
             self._renderer.close()
-        if isinstance(self.batch, CrewBatch):
-            self.batch.close()
+        batch = getattr(self, "batch", None)
+        if isinstance(batch, CrewBatch):
+            batch.close()
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """With ``rgb_array`` a picture ``(600, 600, 3)`` uint8 of each of the first 16 environments, else None.

@@ -11,6 +11,9 @@ from typing import Any
 from passloc_env.errors import InputError, ScenarioError
 from passloc_env.reading import yaml_data
 
+_PROBE = 1 << 16
+"""Bytes that a folder must have room for."""
+
 _PICTURES = (".png", ".svg", ".pdf", ".jpg")
 
 
@@ -80,7 +83,8 @@ def writable_folder(path: Path) -> Path:
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=path).close()
+        with tempfile.TemporaryFile(dir=path) as file:
+            file.write(bytes(_PROBE))
     except (FileExistsError, NotADirectoryError):
         raise NotADirectoryError(f"{path} is not a folder") from None
     except OSError as error:

@@ -4,25 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import torch
 from stable_baselines3.common.callbacks import CallbackList
-from stable_baselines3.common.logger import configure
+from stable_baselines3.common.vec_env import VecEnv
 
 from agents.agent_file import CARD, AgentFile
 from agents.symmetry import MirrorSymmetry
-from passloc_env.errors import InputError
+from passloc_env.errors import InputError, one_line
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
-from training.arguments import check_seed, file_stem, new_folder, parse_overrides
-from training.checkpoint import Checkpoint, find_checkpoint, forget_checkpoints, has_checkpoint
+from training.arguments import check_seed, file_stem, new_folder, parse_overrides, writable_folder
+from training.checkpoint import Checkpoint, CheckpointError, find_checkpoint, forget_checkpoints, has_checkpoint
 from training.checkpoint_callback import CheckpointCallback
 from training.commands import Train
 from training.curve import CurveCallback
+from training.event_log import event_log
 from training.families import families_of
 from training.files import note
 from training.hyperparameters import Hyperparameters
@@ -33,6 +34,7 @@ from training.progress import console
 from training.progress_callback import ProgressCallback
 from training.provenance import provenance
 from training.run_folder import CURVE, Assignment
+from training.vector_ppo import VectorPPO
 
 Watch = Callable[[dict[str, float]], None]
 """Sees each row of a learning curve."""
@@ -168,13 +170,12 @@ def _learn(
     """Learn from the beginning, or from a checkpoint on."""
     torch.set_num_threads(1)
     scenario, parameters = assignment.scenario, assignment.parameters
+    writable_folder(folder)
     env = learning_env(scenario, parameters, assignment.seed)
     model = build_ppo(env, parameters, assignment.seed)
-    model.set_logger(configure(str(folder / "tensorboard"), ["tensorboard"]))
     curve = CurveCallback(folder / CURVE, watch)
     if saved is not None:
-        curve = CurveCallback(folder / CURVE, watch, saved.tree["curve"], saved.tree["seconds"])
-        put_back(saved.tree["learner"], model, env)
+        curve = CurveCallback(folder / CURVE, watch, *_put_back(saved, folder, model, env))
     progress = ProgressCallback(scenario.name, parameters.decisions, shown=not quiet)
 
     def state() -> dict[str, Any]:
@@ -184,7 +185,9 @@ def _learn(
     interrupted: KeyboardInterrupt | None = None
     try:
         ahead = parameters.decisions - model.num_timesteps
-        model.learn(ahead, callback=CallbackList([curve, progress, keeper]), reset_num_timesteps=saved is None)
+        with event_log(folder) as logger:
+            model.set_logger(logger)
+            model.learn(ahead, callback=CallbackList([curve, progress, keeper]), reset_num_timesteps=saved is None)
     except KeyboardInterrupt as error:
         # What has been learnt so far is an agent all the same, and its card says how many decisions it has seen.
         interrupted = error
@@ -198,6 +201,22 @@ def _learn(
         raise interrupted
     forget_checkpoints(folder)
     return Run(folder, agent, curve.seconds, curve.rows)
+
+
+def _put_back(
+    saved: Checkpoint, folder: Path, model: VectorPPO, env: VecEnv
+) -> tuple[Sequence[dict[str, float]], float]:
+    """Let the learner be what it was; the rows of its curve, and how long it had learnt.
+
+    Raises:
+        CheckpointError: it was another one.
+    """
+    try:
+        put_back(saved.tree["learner"], model, env)
+        return saved.tree["curve"], float(saved.tree["seconds"])
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        reason = f"{type(error).__name__}: {one_line(error)}"
+        raise CheckpointError(f"the checkpoint in {folder} is of another training or version: {reason}") from None
 
 
 def _parameters(arguments: Train, scenario: Scenario) -> Hyperparameters:

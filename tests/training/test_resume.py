@@ -4,6 +4,7 @@
 """
 
 import csv
+import dataclasses
 import errno
 import json
 import os
@@ -217,6 +218,22 @@ def test_a_limit_of_the_system_is_one_line(cut: Path) -> None:
     assert done.stderr.count("\n") == 1
     find_checkpoint(cut)
     assert not list(cut.glob(".*.part"))
+
+
+def test_a_checkpoint_of_another_training_is_one_line(cut: Path, tmp_path: Path, capsys) -> None:
+    (tmp_path / "other").mkdir()
+    wider = dataclasses.replace(TINY, network=(9,))
+    with pytest.raises(Stopped):
+        run(SHORT, wider, tmp_path / "other", seed=5, watch=_stop, checkpoint=1)
+    shutil.copy(tmp_path / "other" / LATEST, cut / LATEST)
+    assert cli.main(["train", "--resume", str(cut)]) == 2
+    error = capsys.readouterr().err
+    assert f"the checkpoint in {cut} is of another training or version: RuntimeError" in error
+    assert error.count("\n") == 1
+
+
+def _stop(row: dict[str, float]) -> None:
+    raise Stopped
 
 
 def test_two_runs_cannot_write_one_folder(cut: Path, tmp_path: Path, capsys) -> None:

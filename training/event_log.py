@@ -1,0 +1,33 @@
+"""TensorBoard's events of a training, written by a thread whose faults must not be told twice."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from stable_baselines3.common.logger import Logger, configure
+
+FOLDER = "tensorboard"
+
+
+@contextmanager
+def event_log(run: Path) -> Iterator[Logger]:
+    """A logger into a run folder.
+
+    Where the disk is full its thread dies, and says so itself; the next event then raises the same OSError, which is
+    told in one line.
+    """
+    before = threading.excepthook
+
+    def hook(arguments: threading.ExceptHookArgs) -> None:
+        if not issubclass(arguments.exc_type, OSError):
+            before(arguments)
+
+    threading.excepthook = hook
+    logger = configure(str(run / FOLDER), ["tensorboard"])
+    try:
+        yield logger
+    finally:
+        threading.excepthook = before
