@@ -257,7 +257,7 @@ def test_bits_do_not_depend_on_the_batch(problem: Problem, assert_batch_free: Ca
     detected = rng.random(measured.shape) < 0.8
 
     def run(mean: np.ndarray, covariance: np.ndarray, measured: np.ndarray, made: np.ndarray, *pose: Any) -> np.ndarray:
-        track = ExtendedTrack(models, mean.shape[1])
+        track = ExtendedTrack(ExtendedKalman(), models, mean.shape[1])
         track.start(np.arange(mean.shape[1]), mean, covariance)
         seen = [Pose(*pose[first : first + len(names)]) for first in range(0, len(pose), len(names))]
         track.predict(np.zeros(mean.shape[1]))

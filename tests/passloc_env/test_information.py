@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from passloc_env.dynamics import Dynamics
+from passloc_env.faults import SOUND
 from passloc_env.information import Information, sigma_along
 from passloc_env.layout import StateLayout
 from passloc_env.motion import ConstantAcceleration, ConstantVelocity, CoordinatedTurn, LinearMotion
@@ -32,7 +33,7 @@ WITHOUT_NOISE = {name: motion for name, motion in MOTIONS.items() if "no noise" 
 class Noise:
     """A sensor of which only the noise matters."""
 
-    size, angular, detection_probability = 2, (False, False), 1.0
+    size, angular, detection_probability, faults = 2, (False, False), 1.0, SOUND
 
     def __init__(self, covariance: np.ndarray) -> None:
         self.covariance = covariance
