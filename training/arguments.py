@@ -11,7 +11,7 @@ from typing import Any
 from passloc_env.errors import InputError, ScenarioError
 from passloc_env.reading import yaml_data
 
-_PROBE = 1 << 16
+_PROBE = 1 << 12
 """Bytes that a folder must have room for."""
 
 _PICTURES = (".png", ".svg", ".pdf", ".jpg")
