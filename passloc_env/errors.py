@@ -45,6 +45,11 @@ class ScenarioError(InputError):
         return ScenarioError(f"{prefix}.{self.field}" if self.field else prefix, self.value, self.allowed)
 
 
+def closest(name: str, known: Iterable[str]) -> str | None:
+    """The known name that somebody may have meant; None when none is like it."""
+    return next(iter(difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)), None)
+
+
 def unknown_name(field: str, value: object, valid: Iterable[str], noun: str, name: object = None) -> ScenarioError:
     """The error for a name that does not exist, with the closest one that does.
 
@@ -56,8 +61,8 @@ def unknown_name(field: str, value: object, valid: Iterable[str], noun: str, nam
         name: the unknown name, when it is not the value itself.
     """
     valid = sorted(valid)
-    close = difflib.get_close_matches(str(value if name is None else name), valid, n=1, cutoff=0.5)
-    hint = f"did you mean {close[0]!r}? " if close else ""
+    close = closest(str(value if name is None else name), valid)
+    hint = "" if close is None else f"did you mean {close!r}? "
     return ScenarioError(field, value, f"no such {noun}; {hint}known: {', '.join(valid)}")
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from passloc_env.errors import InputError
+from passloc_env.errors import InputError, one_line
 
 LATEST, BEFORE = "checkpoint.safetensors", "checkpoint.before.safetensors"
 _ABOUT, _DIGEST = "about", "digest"
@@ -77,7 +77,7 @@ class Checkpoint:
         except OSError as error:
             raise CheckpointError(f"{path} cannot be read: {error.strerror or 'it is not there'}") from None
         except (SafetensorError, KeyError, ValueError, TypeError, RecursionError) as error:
-            raise CheckpointError(f"{path} is damaged: {str(error).partition(chr(10))[0]}") from None
+            raise CheckpointError(f"{path} is damaged: {one_line(error)}") from None
         return cls(tree)
 
 

@@ -194,7 +194,7 @@ def watch(
     """Fly full episodes at once, seeds ``seed + first …``, those of a :class:`Flight`.
 
     Args:
-        watcher: makes what watches a tile of the batch from the first step on, such as a :class:`Recorder`.
+        watcher: makes what watches a tile of the batch from the first look on, such as a :class:`Recorder`.
         scenario: as of a flight.
         policy: as of a flight.
         episodes: how many.
@@ -206,8 +206,8 @@ def watch(
     """
     flown, thinking = scenario.override({**policy.overrides, "episode.early_end": False}), 0.0
     env = LocalisationVectorEnv(episodes, flown, autoreset_mode=AutoresetMode.DISABLED)
-    watchers = [watcher(tile) for tile in env.batch.tiles]
     observation, _ = env.reset(seed=seed + first)
+    watchers = [watcher(tile) for tile in env.batch.tiles]
     decisions = flown.episode.steps // flown.episode.decision_every
     for decision in range(decisions):
         rng = policy_generator(seed, decision, first * flown.action_size)

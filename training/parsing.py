@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import difflib
 import inspect
 import io
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import tyro
 
-from passloc_env.errors import InputError
+from passloc_env.errors import InputError, closest
 from training.commands import COMMANDS
 
 PROGRAM = "passloc"
@@ -68,9 +67,9 @@ def _parts(field: dataclasses.Field[Any]) -> Sequence[dataclasses.Field[Any]]:
     return dataclasses.fields(field.default) if dataclasses.is_dataclass(field.default) else (field,)
 
 
-def _closest(word: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
-    return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(known)}"
+def _closest(word: str, known: Collection[str]) -> str:
+    close = closest(word, known)
+    return f"; known: {', '.join(known)}" if close is None else f"; did you mean {close!r}?"
 
 
 def _one_line(box: str) -> str:

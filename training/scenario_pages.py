@@ -17,6 +17,7 @@ from passloc_env.scenarios import SCENARIOS, environment_id
 from passloc_env.spaces import action_space
 from training.commands import EVALUATION_SEED
 from training.files import write_whole
+from training.markdown import markdown
 from training.scenario_words import sensor_names, story, summary
 
 _LEARNED = "learned"
@@ -49,7 +50,7 @@ def index_page() -> str:
         )
         for name, scenario in SCENARIOS.items()
     ]
-    return f"# Scenarios\n\n{_table(('id', 'what', 'sensors', 'episode', 'actions'), rows)}"
+    return f"# Scenarios\n\n{markdown(('id', 'what', 'sensors', 'episode', 'actions'), rows)}\n"
 
 
 def film_name(scenario: Scenario) -> str:
@@ -81,9 +82,9 @@ def page(scenario: Scenario) -> str:
         "## Observation",
         f"`Box(-10, 10, ({len(observation_names(scenario))},), float32)`, the belief in the frame of its own line of "
         "sight:",
-        _table(("row", "feature"), [(str(row), name) for row, name in enumerate(observation_names(scenario))]),
+        markdown(("row", "feature"), [(str(row), name) for row, name in enumerate(observation_names(scenario))]),
         "## Rewards",
-        _table(("term", "weight"), [(term.name, f"{term.weight:g}") for term in scenario.reward]),
+        markdown(("term", "weight"), [(term.name, f"{term.weight:g}") for term in scenario.reward]),
         "## Episode end",
         f"*Truncated* after {episode.steps} measurements ({episode.duration:g} s). *Terminated* by {keep_out}, or when "
         f"the relative error exceeds {episode.lost_error:g}.",
@@ -91,7 +92,7 @@ def page(scenario: Scenario) -> str:
         ", ".join(f"`{name}`" for name in default_policies(scenario)),
         f"How they compare: [leaderboard](../leaderboard/index.md#{scenario.name.lower()}).",
         "## Everything it is made of",
-        _table(("field", "value", "unit", "meaning"), list(_fields(scenario, ""))),
+        markdown(("field", "value", "unit", "meaning"), list(_fields(scenario, ""))),
     ]
     return "\n\n".join(part.rstrip("\n") for part in parts) + "\n"
 
@@ -147,8 +148,3 @@ def _value(value: Any) -> str:
 
 def _list(items: Iterable[str]) -> str:
     return "\n".join(f"- {item}" for item in items)
-
-
-def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    lines = [headings, tuple(":--" for _ in headings), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from agents import Policy
 from passloc_env.arrays import Array, BoolArray
@@ -16,8 +15,7 @@ from passloc_env.scenario import Scenario
 from passloc_env.sensor_suite import SensorSuite
 from passloc_env.sightline import Scene
 from passloc_env.simulation import Simulation
-from passloc_env.vector_env import LocalisationVectorEnv
-from training.episodes import decide, policy_generator
+from training.episodes import watch
 
 
 @dataclass(frozen=True)
@@ -74,14 +72,7 @@ def fly(scenario: Scenario, policy: Policy, seed: int) -> Flight:
     The policy's own overrides are applied, and the episode lasts its whole time, whether or not the track is lost or
     the keep-out violated.
     """
-    flown = scenario.override({**policy.overrides, "episode.early_end": False})
-    env = LocalisationVectorEnv(1, flown, autoreset_mode=AutoresetMode.DISABLED)
-    (simulation,) = env.batch.tiles
-    observation, _ = env.reset(seed=seed)
-    log = _Log(simulation)
-    for decision in range(flown.episode.steps // flown.episode.decision_every):
-        rng = policy_generator(seed, decision, 0)
-        observation, *_ = env.step(decide(policy, env, observation, rng))
+    (log,), _ = watch(_Log, scenario, policy, 1, seed)
     return log.flight(policy.name, seed)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ from training.commands import EVALUATION_SEED, Leaderboard
 from training.evaluate import Evaluation, Verdict
 from training.files import write_whole
 from training.leaderboard.picture import MANY_VIOLATIONS, draw
+from training.markdown import RIGHT, markdown
 from training.score import END_RMS, LOG_RANGE_BOUND, score_of
 from training.statistics import Bootstrap
 from training.table import columns_of, notes, ranked, title, with_interval
@@ -74,7 +75,7 @@ def _summary(sections: Sequence[Section]) -> str:
         f"Best of those that see the belief alone and violate in at most {low:g} % of the episodes, chosen on these "
         f"very episodes. Of the room: how much of the way from the reference to the optimum it goes."
     )
-    return f"{_table(header, rows)}\n\n*{explained}*"
+    return f"{markdown(header, rows, RIGHT)}\n\n*{explained}*"
 
 
 def _summary_row(section: Section) -> tuple[str, ...]:
@@ -110,7 +111,7 @@ def _section(section: Section) -> str:
         f"## {variant.title}",
         f"{title(evaluation)}.",
         f"![Score of every policy on {variant.title}]({variant.name}.png)",
-        _table(tuple(columns), rows),
+        markdown(tuple(columns), rows, RIGHT),
         f"*{' '.join(remarks)}*",
     ]
     return "\n\n".join(parts)
@@ -132,11 +133,6 @@ def _columns(evaluation: Evaluation) -> dict[str, Column]:
 def _kilometres(evaluation: Evaluation, bootstrap: Bootstrap, percent: float, verdict: Verdict) -> str:
     errors = evaluation.scores[verdict.policy].end_position_error
     return with_interval(bootstrap.estimate(errors, functools.partial(np.percentile, q=percent)), 3, 1e-3)
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [header, [":--"] + ["--:"] * (len(header) - 1), *rows]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
 def _anchor(heading: str) -> str:

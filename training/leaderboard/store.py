@@ -16,6 +16,7 @@ from agents import Policy
 from passloc_env.reading import json_data
 from training.archives import read_arrays
 from training.episodes import Flight, Scores, fly
+from training.files import appearing
 from training.leaderboard.entrants import Entrant, settings
 from training.leaderboard.variants import Variant
 from training.optimum import optimise
@@ -85,11 +86,9 @@ class Store:
         """Write what a policy has flown; its file appears whole or not at all."""
         path = self._path(variant, entrant, "scores")
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(path.name + ".partial")
         about = np.array(json.dumps(self._stamp(variant, entrant)))
-        with partial.open("wb") as file:
+        with appearing(path) as partial, partial.open("wb") as file:
             np.savez_compressed(file, about=about, seconds=np.array(seconds), **vars(scores))
-        partial.replace(path)
 
     def _stamp(self, variant: Variant, entrant: Entrant) -> dict[str, Any]:
         stamp = {

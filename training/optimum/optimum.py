@@ -13,6 +13,7 @@ from passloc_env.errors import InputError
 from passloc_env.reading import json_data
 from passloc_env.scenario import Scenario
 from training.archives import read_arrays
+from training.files import appearing
 from training.optimum.replay import Replay
 
 _ARRAYS = ("seeds", "headings", "paths", "values", "legal", "chosen")
@@ -73,10 +74,8 @@ class Optimum:
     def save(self, path: Path) -> None:
         """Write everything to an ``.npz`` file without pickles; the file appears whole or not at all."""
         about = json.dumps({"scenario": self.scenario.to_dict(), "settings": vars(self.settings)})
-        partial = path.with_name(path.name + ".partial")
-        with partial.open("wb") as file:
+        with appearing(path) as partial, partial.open("wb") as file:
             np.savez_compressed(file, about=np.array(about), **{name: getattr(self, name) for name in _ARRAYS})
-        partial.replace(path)
 
     @classmethod
     def load(cls, path: Path) -> Optimum:

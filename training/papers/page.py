@@ -9,6 +9,7 @@ from typing import Any
 from passloc_env.errors import InputError
 from passloc_env.reading import json_data, read_text
 from training.files import json_text, write_whole
+from training.markdown import markdown
 from training.papers.catalogue import PAPERS, Paper
 from training.papers.reproduction import Reproduction
 
@@ -83,11 +84,6 @@ def _section(paper: Paper, data: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
-def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [headings, [":--"] * len(headings), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
-
-
 def _text(value: float | str | None) -> str:
     return "–" if value is None else value if isinstance(value, str) else f"{value:.4g}"
 
@@ -107,3 +103,9 @@ def _read(path: Path) -> dict[str, Any] | None:
     if not isinstance(data, dict) or not data.keys() >= _KEYS:
         raise InputError(f"{path} does not hold a paper's results: {advice}")
     return data
+
+
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table whose cells, which the papers' words are in, may hold the sign that parts columns."""
+    escaped = [[cell.replace("|", "\\|") for cell in line] for line in (headings, *rows)]
+    return markdown(escaped[0], escaped[1:]) + "\n"

@@ -11,6 +11,7 @@ import numpy as np
 
 from passloc_env import LocalisationVectorEnv
 from passloc_env.arrays import Array, BoolArray
+from passloc_env.errors import one_line
 from passloc_env.linalg import diagonal
 from training.reliability.leg import Leg
 
@@ -66,7 +67,7 @@ def fly_leg(leg: Leg, steps: int, tell: Callable[[str], None]) -> Tally:
             _fly(leg, steps, tally)
     except Exception as error:
         tally.exceptions += 1
-        tell(f"{type(error).__name__}: {' '.join(str(error).split())}")
+        tell(f"{type(error).__name__}: {one_line(error)}")
     if tally.nonfinite:
         tell(f"{tally.nonfinite} times a number is not finite")
     if tally.indefinite:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from passloc_env.metrics import LOST_ERROR, LOST_NEES
 from training.commands import EVALUATION_SEED
+from training.markdown import RIGHT, markdown
 from training.reliability.flight import Tally
 from training.reliability.record import MOST_GROWTH, MOST_REPAIRS, Record
 from training.reliability.survival import FAULTS, SCENARIO, Survival
@@ -42,7 +43,7 @@ def _soak(record: Record) -> tuple[str, ...]:
         f"{MOST_GROWTH:g} MiB of growth: of what is still held between legs, by least squares over the second half of "
         "the steps, without the compiled steps of past scenarios, of which a process keeps 64. A repair makes a "
         "covariance that rounding has spoilt positive definite again, or begins a track anew.",
-        _table(columns, rows),
+        markdown(columns, rows, RIGHT),
     )
 
 
@@ -72,7 +73,7 @@ def _survival(rows: Sequence[Survival], episodes: int) -> tuple[str, ...]:
         f"that ends with a relative range error above {LOST_ERROR:g} or a NEES above {LOST_NEES:g}. A gate is given as "
         "the chance that a measurement of the emitter passes it. Trackers are told of no fault. Intervals are 95 %, "
         "Wilson's for lost tracks.",
-        _table(("what goes wrong", "policy", "gate", "lost, %", "median end error, %"), cells),
+        markdown(("what goes wrong", "policy", "gate", "lost, %", "median end error, %"), cells, RIGHT),
         "As overrides: " + "; ".join(f"*{words}*: `{changes}`" for words, changes in FAULTS.items() if changes) + ".",
     )
 
@@ -86,8 +87,3 @@ def _origin(record: Record) -> tuple[str, ...]:
         "A leg follows from the seed and its number alone: `--leg` flies a single one.",
         f"{machine['processor']}, {machine['cores']} cores, {machine['system']}; {versions}.",
     )
-
-
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    ruler = [":--"] + ["--:"] * (len(columns) - 1)
-    return "\n".join("| " + " | ".join(line) + " |" for line in (columns, ruler, *rows))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from agents import LearnedPolicy, Policy, default_policies, find_policy
-from agents.agent_file import AgentFile, AgentFileError
+from agents.agent_file import AgentFile
 from passloc_env.arrays import Array
 from passloc_env.errors import InputError
 from passloc_env.scenario import Scenario
@@ -77,17 +77,14 @@ def read_subject(path: Path, episodes: int) -> Subject:
 
 def _run(folder: Path, episodes: int) -> Subject:
     """A run, with its own evaluation if it has one."""
-    try:
-        agent = AgentFile.load(folder)
-    except AgentFileError as error:
-        raise InputError(str(error)) from None
+    agent = AgentFile.load(folder)
     curve = read_curve(folder / _CURVE) if (folder / _CURVE).exists() else None
     training: dict[str, Any] = {name: agent.card[name] for name in ("training", "notes") if name in agent.card}
     if (folder / _EVALUATION).exists():
         evaluation = read_evaluation(folder / _EVALUATION)
         policies, remarks = _find(evaluation, folder)
         return Subject(evaluation, policies, curve, training, remarks)
-    learned = LearnedPolicy.load(folder, agent.scenario)
+    learned = LearnedPolicy(agent, folder.resolve().name)
     rules = default_policies(agent.scenario)
     flown: list[Policy] = [learned, *(find_policy(name, agent.scenario) for name in rules)]
     evaluation = judge(agent.scenario, flown, episodes)
