@@ -1,13 +1,14 @@
-"""How sensors fail beyond ordinary noise: errors far too wide, measurements that come too late, and silence.
+"""How sensors fail beyond ordinary noise: errors far too wide, measurements that come late, and silence.
 
 An error is an outlier with the probability ε, and then k times as wide as usual, so that errors follow Tukey's
 contaminated law ``(1 − ε) p(e) + ε p(e/k)/k`` of variance ``(1 + ε (k² − 1)) σ²`` (Huber, *Robust Statistics*, 1.1).
 Trackers are not told: they go on believing in σ. The Cramér–Rao bound *is* told which errors were outliers, and lets
 each of these measurements count ``1/k²`` of its information: no tracker can do better.
 
-A measurement that is late arrives after the next one. No tracker here keeps its past to put it into, so it is dropped:
-late, lost on the way and never made are the same to tracker and bound, and each is decided by a draw of its own. During
-an outage, after its start and up to its end, nothing at all is measured.
+A measurement that is late arrives within the next period. The belief that its own instant's decision rests on lacks it;
+before tracker and bound go on to the next instant they take it in, so that nothing is out of sequence and nothing of it
+is lost but time. What comes later still is as good as missed: let the detection probability be lower. During an outage,
+after its start and up to its end, nothing at all is measured.
 
 The first look of an episode is spared: a track begins with a measurement that has been confirmed.
 """
@@ -30,7 +31,7 @@ class Faults(Component):
         "how many times as wide as usual the errors of outliers are", 10.0, at_least=1, appended=True
     )
     late_probability: Number = quantity(
-        "chance that a measurement comes too late to be used", 0.0, at_least=0, at_most=1, appended=True
+        "chance that a measurement comes late, within the next period", 0.0, at_least=0, at_most=1, appended=True
     )
     outage_start: Number = quantity("when an outage begins", 0.0, unit="s", at_least=0, appended=True)
     outage_duration: Number = quantity("how long it lasts", 0.0, unit="s", at_least=0, appended=True)
@@ -41,15 +42,24 @@ class Faults(Component):
         return not _never(self.outlier_probability)
 
     @property
-    def losing(self) -> bool:
-        """Whether measurements may be lost."""
-        return not (_never(self.late_probability) and _never(self.outage_duration))
+    def delaying(self) -> bool:
+        """Whether measurements may come late."""
+        return not _never(self.late_probability)
 
-    def silent(self, time: Array, uniforms: Array) -> BoolArray:
-        """Whether what is measured at ``time (N,)`` is lost ``(N,)``, by the clock or by a draw ``(N,)``."""
-        end = self.outage_start + self.outage_duration
-        lost: BoolArray = (uniforms < self.late_probability) | ((time > self.outage_start) & (time <= end))
-        return lost
+    @property
+    def withholding(self) -> bool:
+        """Whether what would be detected may be absent at its time: late, or never measured in an outage."""
+        return self.delaying or not _never(self.outage_duration)
+
+    def late(self, uniforms: Array) -> BoolArray:
+        """Whether a measurement comes late ``(N,)``, by a draw ``(N,)``."""
+        late: BoolArray = uniforms < self.late_probability
+        return late
+
+    def out(self, time: Array) -> BoolArray:
+        """Whether there is an outage at ``time (N,)``."""
+        out: BoolArray = (time > self.outage_start) & (time <= self.outage_start + self.outage_duration)
+        return out
 
 
 SOUND = Faults()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from passloc_env.angles import wrap_in_place
@@ -14,6 +16,9 @@ from passloc_env.nuisance import Nuisance, distinct
 from passloc_env.sensors import Sensor
 from passloc_env.sightline import Scene
 
+Arrival = Literal["in time", "late", "ever"]
+"""When a measurement comes: at the instant when it is made, within the next period, or either of them."""
+
 
 class SensorSuite:
     """Realised sensors stacked: ``m`` scalars in the order of the scenario.
@@ -22,6 +27,8 @@ class SensorSuite:
         size: number of scalars ``m``.
         noise_covariance: ``R (m, m, 1|N)``.
         noise_pivots: squared diagonal of its Cholesky factor ``(m, 1|N)``.
+        may_miss: whether measurements may be absent by chance or by the clock.
+        may_be_late: whether some may come within the next period.
     """
 
     def __init__(self, sensors: tuple[Sensor, ...], dense: bool = False) -> None:
@@ -36,6 +43,7 @@ class SensorSuite:
         self.noise_pivots = np.square(diagonal(root))
         self._disturb = LinearMap(root, dense=dense)
         self.may_miss, self._outlying = may_miss(sensors), outlying(sensors)
+        self.may_be_late = any(sensor.faults.delaying for sensor in sensors)
 
     def _stack_noise(self) -> Array:
         blocks = [sensor.noise_covariance() for sensor in self.sensors]
@@ -76,19 +84,23 @@ class SensorSuite:
             inflation[rows] = np.where(outlier, sensor.faults.outlier_scale, 1.0)
         return inflation
 
-    def chances(self, noise: StepNoise, time: Array) -> Array | None:
+    def chances(self, noise: StepNoise, time: Array, arrival: Arrival = "in time") -> Array | None:
         """One standard uniform per sensor ``(s, N)``, for :meth:`detected`; None when no sensor can miss by chance.
 
-        It is 1, with which nothing is ever detected, where a measurement made at ``time (N,)`` comes late or a sensor
-        is out of order.
+        It is 1, with which nothing is ever detected, where a measurement made at ``time (N,)`` is not what is asked
+        for: one that comes in time, one that comes late, or either. During an outage there is none.
         """
         if not self.may_miss:
             return None
         uniforms = noise.detection.copy()
         for index, sensor in enumerate(self.sensors):
-            if sensor.faults.losing:
-                silent = sensor.faults.silent(time, noise.fault[len(self.sensors) + index])
-                uniforms[index] = np.where(silent, 1.0, uniforms[index])
+            if not sensor.faults.withholding and arrival != "late":
+                continue
+            absent = sensor.faults.out(time)
+            if arrival != "ever":
+                late = sensor.faults.late(noise.fault[len(self.sensors) + index])
+                absent = absent | (late if arrival == "in time" else ~late)
+            uniforms[index] = np.where(absent, 1.0, uniforms[index])
         return uniforms
 
     def whitened(self, rows: Array) -> Array:
@@ -148,9 +160,9 @@ class SensorSuite:
 
 
 def may_miss(sensors: tuple[Sensor, ...]) -> bool:
-    """Whether any sensor can miss a measurement, or lose it."""
+    """Whether measurements of any sensor may be absent at their time."""
     certain = [isinstance(s.detection_probability, float) and s.detection_probability == 1.0 for s in sensors]
-    return not all(certain) or any(sensor.faults.losing for sensor in sensors)
+    return not all(certain) or any(sensor.faults.withholding for sensor in sensors)
 
 
 def outlying(sensors: tuple[Sensor, ...]) -> bool:
@@ -160,7 +172,7 @@ def outlying(sensors: tuple[Sensor, ...]) -> bool:
 
 def may_fail(sensors: tuple[Sensor, ...]) -> bool:
     """Whether anything may go wrong with any sensor."""
-    return outlying(sensors) or any(sensor.faults.losing for sensor in sensors)
+    return outlying(sensors) or any(sensor.faults.withholding for sensor in sensors)
 
 
 def nuisances(sensors: tuple[Sensor, ...]) -> tuple[Nuisance, ...]:

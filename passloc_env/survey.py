@@ -19,6 +19,7 @@ from passloc_env.metrics import root_trace
 from passloc_env.observability import RankReport, cramer_rao_path, fisher_rows, gramian, rank_report
 from passloc_env.platforms import Pose
 from passloc_env.scenario import Scenario
+from passloc_env.sensor_suite import Arrival
 from passloc_env.sightline import Scene
 from passloc_env.simulation import Simulation
 from passloc_env.tracking.initialisation import FirstLook
@@ -74,12 +75,13 @@ class Survey:
         self.time = self.scenario.episode.period * np.arange(1, len(self.path) + 1)
 
     def _watch(self, simulation: Simulation) -> None:
-        scene = simulation.bound_scene()
+        scene, suite = simulation.bound_scene(), simulation.models.suite
         self.path.append(self._poses(simulation))
         self._uniforms.append(self._chances(simulation))
         self._inflations.append(self._inflation(simulation))
         self._states.append(scene.state[:, 0].copy())
-        self._rows.append(fisher_rows(simulation.models.suite, scene, simulation.detected, self._inflations[-1]))
+        heard = suite.detected(simulation.scene(), self._uniforms[-1])
+        self._rows.append(fisher_rows(suite, scene, heard, self._inflations[-1]))
         self._bounds.append(simulation.information.bound[..., 0].copy())
 
     @staticmethod
@@ -90,8 +92,12 @@ class Survey:
 
     @staticmethod
     def _chances(simulation: Simulation) -> Array | None:
-        """What decides which sensors miss by chance now ``(s, 1)``; None when none can."""
-        return simulation.models.suite.chances(simulation.noise_at(), simulation.time)
+        """What decides which sensors miss by chance now ``(s, 1)``; None when none can.
+
+        What comes late counts where it was measured, but at the end, when it comes too late.
+        """
+        arrival: Arrival = "in time" if simulation.truncated[0] else "ever"
+        return simulation.models.suite.chances(simulation.noise_at(), simulation.time, arrival)
 
     @staticmethod
     def _inflation(simulation: Simulation) -> Array | None:

@@ -20,6 +20,7 @@ from passloc_env.platforms import Platform, Pose
 from passloc_env.randomisation import Randomisation, take
 from passloc_env.rewards import Outcome
 from passloc_env.scenario import Scenario
+from passloc_env.sensor_suite import Arrival
 from passloc_env.sightline import Scene, distance
 from passloc_env.tracking.initialisation import FirstLook, Prior
 
@@ -37,7 +38,7 @@ class World:
         reward, reward_terms: of the last decision, ``(N,)`` and by name.
         violated: whether the true range has been below ``min_range`` in the last decision ``(N,)``.
         breached: the same since the episode began.
-        detected: which scalars ``(m, N)`` were measured in the last sensor step; None means all.
+        detected: which scalars ``(m, N)`` were measured in the last sensor step and came in time; None means all.
     """
 
     def __init__(self, scenario: Scenario, environments: int) -> None:
@@ -63,11 +64,27 @@ class World:
         self.detected: BoolArray | None = None
         self._outcome: Outcome | None = None
 
-    def advance(self, noise: StepNoise | None = None) -> None:
-        """One sensor step, with the noise that is its own unless another is given."""
-        time = self.time
+    def advance(self, noise: StepNoise | None = None, before: StepNoise | None = None) -> None:
+        """One sensor step, with its own noise and that of the step before unless others are given."""
+        time, gained = self.time, self._catch_up(self.noise_at() if before is None else before)
         self.step_count += 1
         self.sense(time, self.noise_at() if noise is None else noise)
+        if gained is not None:
+            self.information.gram_gain += gained
+
+    def _catch_up(self, noise: StepNoise) -> Array | None:
+        """Take in what was measured at the present instant, under its noise, and comes late.
+
+        Returns:
+            Its Gram gain ``(N,)``; None where nothing can be late.
+        """
+        if not self.models.suite.may_be_late:
+            return None
+        scene = self.scene()
+        measurement, late = self.measure(scene, noise, arrival="late")
+        self.track.catch_up(measurement, self.reported_poses(scene.poses, noise), late)
+        self._inform(scene, late, noise)
+        return self.information.gram_gain.copy()
 
     def sense(self, time: Array, noise: StepNoise) -> None:
         """One sensor step from ``time (N,)``: move, measure, track, account, score."""
@@ -92,9 +109,13 @@ class World:
         return self.noise.at(np.minimum(self.step_count, self.scenario.episode.steps), columns)
 
     def measure(
-        self, scene: Scene, noise: StepNoise | None = None, time: Array | None = None
+        self,
+        scene: Scene,
+        noise: StepNoise | None = None,
+        time: Array | None = None,
+        arrival: Arrival = "in time",
     ) -> tuple[Array, BoolArray | None]:
-        """The noisy measurement ``(m, k)`` of a true scene, and what of it was detected (None: all).
+        """The noisy measurement ``(m, k)`` of a true scene, and what of it was detected and comes then (None: all).
 
         ``noise`` and ``time (k,)`` are those of the environments that the scene shows; all, as they are now, by
         default.
@@ -104,7 +125,7 @@ class World:
         measurement, inflation = suite.measure(scene), suite.inflation(noise.fault)
         measurement += suite.noise(noise.measurement if inflation is None else inflation * noise.measurement)
         suite.wrap(measurement)
-        return measurement, suite.detected(scene, suite.chances(noise, time))
+        return measurement, suite.detected(scene, suite.chances(noise, time, arrival))
 
     def _move_emitter(self, time: Array, noise: StepNoise) -> None:
         """Where the emitter goes in one period, process noise included."""

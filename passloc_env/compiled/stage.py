@@ -49,37 +49,40 @@ class Stage:
 OPENING = ("opening.uniforms", "opening.prior", "opening.nuisances")
 """What chance has in store for the beginning of an episode, by name."""
 
-StageCode = Callable[[Any, dict[str, Any], StepNoise], dict[str, Traced] | None]
+NoiseAhead = Callable[[int], StepNoise]
+"""The noise of the step so many steps ahead of where an environment stands."""
+
+StageCode = Callable[[Any, dict[str, Any], NoiseAhead], dict[str, Traced] | None]
 """Runs a stage on a simulation of symbols, given the arguments by name; returns results that are no state."""
 
 
-def begin(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> None:
+def begin(simulation: Any, arguments: dict[str, Any], noise: NoiseAhead) -> None:
     """Begin an episode."""
     uniforms, prior, nuisances = (arguments[name] for name in OPENING)
-    simulation.open(np.arange(1), Opening(uniforms, prior, nuisances, noise))
+    simulation.open(np.arange(1), Opening(uniforms, prior, nuisances, noise(0)))
 
 
-def decide(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> None:
+def decide(simulation: Any, arguments: dict[str, Any], noise: NoiseAhead) -> None:
     """Take an action."""
-    simulation.decide(arguments["argument.action"], noise)
+    simulation.decide(arguments["argument.action"], noise(0))
 
 
-def sense(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> dict[str, Traced] | None:
+def sense(simulation: Any, arguments: dict[str, Any], noise: NoiseAhead) -> dict[str, Traced] | None:
     """One sensor step, with the matrices that the numbers of the episode make."""
     simulation.rebuild_models()
-    simulation.advance(noise)
+    simulation.advance(noise(1), before=noise(0))
     return None if simulation.detected is None else {"result.detected": simulation.detected}
 
 
-def conclude(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> None:
+def conclude(simulation: Any, arguments: dict[str, Any], noise: NoiseAhead) -> None:
     """Average the decision's reward and raise the flags."""
     simulation.outcome = simulation.look(simulation.scene())
     simulation.conclude()
 
 
-def observe(simulation: Any, arguments: dict[str, Any], noise: StepNoise) -> dict[str, Traced]:
+def observe(simulation: Any, arguments: dict[str, Any], noise: NoiseAhead) -> dict[str, Traced]:
     """What the agent sees."""
-    belief = simulation.belief_at(simulation.time, noise)
+    belief = simulation.belief_at(simulation.time, noise(0))
     return {"result.observation": simulation.realised.observation.observe(belief)}
 
 
@@ -105,12 +108,8 @@ def episode_arrays(noise: EpisodeNoise) -> dict[str, np.ndarray]:
     return arrays | {f"constant.{platform}": errors for platform, errors in enumerate(noise.constants())}
 
 
-def _noise_of(graph: Graph, name: str, simulation: Any, known: Mapping[str, Traced]) -> StepNoise:
-    """The noise of the step that a stage is about: looked up, but for what is the same throughout an episode."""
-    count = known["simulation.step_count"].item()
-    steps = simulation.scenario.episode.steps
-    ahead = graph.apply("add", (count, 1)) if name == "sense" else count
-    step = 0 if name == "open" else graph.apply("minimum", (ahead, steps))
+def _noise(graph: Graph, step: Value, simulation: Any, known: Mapping[str, Traced]) -> StepNoise:
+    """The noise of a step: looked up, but for what is the same throughout an episode."""
 
     def drawn(kind: str, values: np.ndarray) -> Traced:
         nodes = np.empty((len(values), 1), dtype=object)
@@ -144,7 +143,14 @@ def trace(simulation: Any, name: str) -> Stage:
     memo: dict[int, Any] = {id(array): known[key] for key, array in live.items()}
     memo[id(simulation.noise)] = memo[id(simulation.watchers)] = None
     memo[id(simulation.outcome)] = None
-    noise = _noise_of(graph, name, simulation, known)
+    # What is about to begin has no count yet.
+    count = 0 if name == "open" else known["simulation.step_count"].item()
+
+    def noise(ahead: int) -> StepNoise:
+        step = graph.apply("add", (count, ahead)) if ahead else count
+        last = simulation.scenario.episode.steps
+        return _noise(graph, graph.apply("minimum", (step, last)), simulation, known)
+
     try:
         twin = copy.deepcopy(simulation, memo)
         results = STAGES[name](twin, {key: known[key] for key in arguments}, noise)

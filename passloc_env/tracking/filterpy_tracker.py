@@ -109,13 +109,15 @@ class FilterPyTrack(Track):
         self._reference: Array = np.zeros((models.suite.size, environments))
         self._filters = [self._create(column) for column in range(environments)]
 
-    def _create(self, column: int) -> Any:
+    def _create(self, column: int, still: bool = False) -> Any:
+        """A fresh filter for an environment; for one that is still, time stands still."""
         layout, suite, dynamics = self.models.layout, self.models.suite, self.models.dynamics
+        matrix = _of(dynamics.transition.matrix, column) if dynamics.linear else None
         calls = FilterCalls(
-            transition=lambda x, period: self.models.dynamics.mean(self._everywhere(x), self._time)[:, column],
+            transition=lambda x, period: x if still else self._moved(x, column),
             measure=lambda x: self._measured(x, column),
             jacobian=lambda x: self._jacobian(x, column),
-            transition_matrix=_of(dynamics.transition.matrix, column) if dynamics.linear else None,
+            transition_matrix=np.eye(layout.size) if still else matrix,
         )
         return self._tracker.create(layout.size, suite.size, dynamics.period, calls)
 
@@ -137,13 +139,28 @@ class FilterPyTrack(Track):
 
     def update(self, measurement: Array, poses: list[Pose], detected: BoolArray | None = None) -> None:
         """``filter.update(z)`` in every environment whose filter is sound."""
+        sound = np.flatnonzero(np.isfinite(self.nis)).tolist()
+        self._correct({column: self._filters[column] for column in sound}, measurement, poses, detected)
+
+    def catch_up(self, measurement: Array, poses: list[Pose], late: BoolArray | None) -> None:
+        """Likewise, with filters that have predicted over no time: FilterPy's correct nothing but their predictions."""
+        columns = np.flatnonzero(np.ones(len(self._filters), bool) if late is None else late.any(axis=0)).tolist()
+        filters = {column: self._create(column, still=True) for column in columns}
+        for column, filter_ in filters.items():
+            filter_.x, filter_.P = self.mean[:, column].copy(), self.covariance[..., column].copy()
+            filter_.Q = np.zeros(filter_.P.shape)
+            self._attempt(column, filter_, filter_.predict)
+        self._correct(filters, measurement, poses, late)
+
+    def _correct(
+        self, filters: dict[int, Any], measurement: Array, poses: list[Pose], detected: BoolArray | None
+    ) -> None:
+        """Let the filters of some environments absorb a measurement ``(m, N)``."""
         suite = self.models.suite
         self._poses = poses
         self._reference = suite.measure(self._scene(self.mean))
         unwrapped = self._reference + suite.difference(measurement, self._reference)
-        for column, filter_ in enumerate(self._filters):
-            if not np.isfinite(self.nis[column]):
-                continue
+        for column, filter_ in filters.items():
             noise = _of(suite.noise_covariance, column)
             if detected is not None:
                 noise = noise + np.diag(np.where(detected[:, column], 0.0, _UNDETECTED * np.diag(noise)))
@@ -170,6 +187,9 @@ class FilterPyTrack(Track):
                 self.nis[column] = innovation @ np.linalg.solve(filter_.S, innovation)
             except np.linalg.LinAlgError:
                 self.nis[column] = np.inf
+
+    def _moved(self, x: Array, column: int) -> Array:
+        return self.models.dynamics.mean(self._everywhere(x), self._time)[:, column]
 
     def _everywhere(self, x: Array) -> Array:
         """One state for all environments, so that each reads its own column of the batched models."""

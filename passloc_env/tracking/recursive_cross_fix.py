@@ -96,16 +96,27 @@ class CrossFixTrack(Track):
 
     def update(self, measurement: Array, poses: list[Pose], detected: BoolArray | None = None) -> None:
         """Add this look's rays and cross all that are kept."""
-        slot, columns = self.looks % len(self.bearings), np.arange(len(self.looks))
-        for index, sensor in enumerate(self._bearing_sensors):
-            place = poses[sensor.platform].mounted(sensor.lever_arm).position
-            self.stations[:, slot, index, columns] = place
-            self.bearings[slot, index, columns] = measurement[index]
-            self.heard[slot, index, columns] = True if detected is None else detected[index]
+        everything = np.ones(measurement.shape, bool)
         self.looks += 1
+        self._add(measurement, poses, everything, everything if detected is None else detected)
         self._cross()
         finite = np.isfinite(self.mean).all(axis=0) & np.isfinite(self.covariance).all(axis=(0, 1))
         self.nis[...] = np.where(finite, 0.0, np.nan)
+
+    def catch_up(self, measurement: Array, poses: list[Pose], late: BoolArray | None) -> None:
+        """Add what comes late to the rays of the last look; the next one crosses them."""
+        heard = np.ones(measurement.shape, bool) if late is None else late
+        self._add(measurement, poses, heard, heard)
+
+    def _add(self, measurement: Array, poses: list[Pose], known: BoolArray, heard: BoolArray) -> None:
+        """Say of some rays of the newest look ``(m, N)`` what is known: where they were heard, if at all."""
+        for index, sensor in enumerate(self._bearing_sensors):
+            columns = np.flatnonzero(known[index])
+            slot = (self.looks[columns] - 1) % len(self.bearings)
+            place = poses[sensor.platform].mounted(sensor.lever_arm).position
+            self.stations[:, slot, index, columns] = place[:, columns]
+            self.bearings[slot, index, columns] = measurement[index, columns]
+            self.heard[slot, index, columns] = heard[index, columns]
 
     def _cross(self) -> None:
         """The point closest to the rays and the prior's centre, and its covariance."""

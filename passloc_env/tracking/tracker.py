@@ -89,6 +89,10 @@ class Track:
         """
         raise AssertionError(f"{type(self).__name__} must define update")
 
+    def catch_up(self, measurement: Array, poses: list[Pose], late: BoolArray | None) -> None:
+        """Absorb what of a measurement ``(m, N)`` comes late ``(m, N)``, before the belief leaves its instant."""
+        self.update(measurement, poses, late)
+
     def admit(self, innovation: Array, covariance: Array, detected: BoolArray | None) -> BoolArray | None:
         """Which scalars are to be used ``(m, N)``, None for all: of those detected, what the gate lets in.
 

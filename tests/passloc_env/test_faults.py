@@ -33,6 +33,16 @@ EVERYTHING = {
     "episode.early_end": False,
 }
 
+TRACKERS = (
+    "UnscentedKalman",
+    "ExtendedKalman",
+    "SquareRootKalman",
+    "RangeBank",
+    "InteractingModels",
+    "RecursiveCrossFix",
+    "FilterPyTracker",
+)
+
 Begin = Callable[..., Simulation]
 
 
@@ -54,6 +64,11 @@ def flown(simulation: Simulation, look: Callable[[Simulation], np.ndarray], step
         simulation.step(np.zeros(simulation.action.shape))
         looks.append(np.array(look(simulation)))
     return np.stack(looks)
+
+
+def spread(seen: Simulation) -> np.ndarray:
+    """Volume of the belief in every environment."""
+    return np.linalg.det(np.moveaxis(seen.track.covariance, -1, 0))
 
 
 def test_by_default_nothing_goes_wrong() -> None:
@@ -81,10 +96,49 @@ def test_errors_follow_the_contaminated_law(begin: Begin) -> None:
     assert np.var(found) == pytest.approx(variance, abs=4.0 * spread)
 
 
-def test_what_is_late_is_lost_whether_or_not_it_was_detected(begin: Begin) -> None:
+def test_what_is_late_is_absent_whether_or_not_it_was_detected(begin: Begin) -> None:
     scenario = faulty(late_probability=0.25).override({"sensors.0.detection_probability": 0.8})
     heard = flown(begin(scenario, 500), lambda seen: seen.detected, 20)
     assert stats.binomtest(int(heard.sum()), heard.size, 0.8 * 0.75).pvalue > FALSE_ALARM
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_what_is_late_is_taken_in_before_the_next_instant(begin: Begin, tracker: str) -> None:
+    """Where all are late, each belief is the one that a sound sensor led to a period before, predicted.
+
+    The filters of FilterPy are told that what is missing is very noisy, so that a trace of it is left.
+    """
+    changes = {"tracker": {"type": tracker}, "platforms.0.control": "turn_rate"}
+    sound, late = begin(faulty().override(changes), 3), begin(faulty(late_probability=1.0).override(changes), 3)
+    before = Simulation(sound.scenario, 3)
+    tolerance = 1e-6 if tracker == "FilterPyTracker" else 1e-12
+    still = np.zeros((1, 3))
+    late.step(still)
+    for _ in range(8):
+        sound.step(still)
+        late.step(still)
+        before.restore(sound.state_arrays())
+        before.track.predict(before.time)
+        before.information.advance()
+        assert late.detected is not None
+        assert not late.detected.any()
+        scale = np.sqrt(np.einsum("iik->ik", before.track.covariance))
+        np.testing.assert_allclose(late.track.mean, before.track.mean, rtol=0.0, atol=tolerance * scale.max())
+        np.testing.assert_allclose(
+            late.track.covariance, before.track.covariance, rtol=0.0, atol=tolerance * scale.max() ** 2
+        )
+        np.testing.assert_allclose(late.information.covariance, before.information.covariance, rtol=1e-12)
+        np.testing.assert_allclose(late.information.gram_gain, sound.information.gram_gain, rtol=1e-9)
+
+
+def test_the_decision_does_without_what_is_late_and_the_next_one_has_it(begin: Begin) -> None:
+    """Beliefs are as wide as without the measurement at its instant, and as narrow as with it one later."""
+    silent = {"outage_duration": 9.0}
+    sound, late, missed = (begin(faulty(**faults), 1) for faults in ({}, {"late_probability": 1.0}, silent))
+    widths = {id(simulation): flown(simulation, spread, 3) for simulation in (sound, late, missed)}
+    np.testing.assert_allclose(widths[id(late)][0], widths[id(missed)][0], rtol=1e-12)
+    assert (widths[id(sound)][1:] < widths[id(late)][1:]).all()
+    assert (widths[id(late)][1:] < widths[id(missed)][1:]).all()
 
 
 def test_faults_come_one_by_one(begin: Begin) -> None:
@@ -128,22 +182,31 @@ def test_the_first_look_is_spared(begin: Begin) -> None:
 
 
 def test_the_bound_counts_an_outlier_as_what_it_tells(begin: Begin) -> None:
-    """``J ← F⁻ᵀ J F⁻¹ + hᵀh/(wσ)²`` with w the width of each error, in information form with NumPy's inverse."""
-    simulation = begin(faulty(outlier_probability=0.5, outlier_scale=7.0, late_probability=0.2), 3)
+    """``J ← F⁻ᵀ J F⁻¹ + hᵀh/(wσ)²`` with w the width of each error, in information form with NumPy's inverse.
+
+    What came late was added before the propagation.
+    """
+    simulation = begin(faulty(outlier_probability=0.5, outlier_scale=7.0, late_probability=0.3), 3)
     back = np.linalg.inv(simulation.models.bound.dynamics.transition.matrix[..., 0])
     information = [np.linalg.inv(simulation.information.bound[..., column]) for column in range(3)]
-    widths = set()
+    widths, pending, caught_up = set(), np.zeros((3, 4)), 0
     for _ in range(12):
         simulation.step(np.full((1, 3), 0.5))
         rows = simulation.models.suite.jacobian(simulation.bound_scene())
         width = simulation.models.suite.inflation(simulation.noise_at().fault)
         for column in range(3):
-            row = rows[0, :, column] * simulation.detected[0, column] / (width[0, column] * SIGMA)
-            information[column] = back.T @ information[column] @ back + np.outer(row, row)
+            row = rows[0, :, column] / (width[0, column] * SIGMA)
+            information[column] += np.outer(pending[column], pending[column])
+            caught_up += np.any(pending[column])
+            information[column] = back.T @ information[column] @ back
+            if simulation.detected[0, column]:
+                information[column] += np.outer(row, row)
+            pending[column] = row * (not simulation.detected[0, column])
             expected = np.linalg.inv(information[column])
             np.testing.assert_allclose(simulation.information.bound[..., column], expected, rtol=1e-6)
         widths |= set(width[0])
     assert widths == {1.0, 7.0}
+    assert caught_up >= 3
 
 
 def test_a_survey_counts_them_alike() -> None:
