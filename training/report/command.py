@@ -89,7 +89,7 @@ def _lead(subject: Subject) -> list[str]:
 
 
 def _table(evaluation: Evaluation) -> dict[str, object]:
-    columns = columns_of(evaluation.scenario)
+    columns = columns_of(evaluation)
     headings = list(columns)
     return {
         "title": title(evaluation),
