@@ -53,7 +53,7 @@ def difference(verdict: Verdict) -> str:
 
 
 def columns_of(evaluation: Evaluation) -> dict[str, Column]:
-    """The columns of an evaluation's tables, in order: after the headline what sorts them, then what sets them apart."""
+    """The columns of an evaluation's tables, in order: after the headline what sorts, then what sets apart."""
     score = score_of(evaluation.scenario)
     columns = dict(list(COLUMNS.items())[:2])
     if score.column not in COLUMNS:
