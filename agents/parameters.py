@@ -20,7 +20,8 @@ class Number:
     Args:
         meaning: of it, in a line.
         unit: what it is counted in; empty for bare numbers.
-        least, most: between which it must lie.
+        least: what it must not be less than.
+        most: what it must not be more than.
         above: whether it must be more than the least.
         whole: whether it must be a whole number.
         endless: whether it may be infinite.

@@ -29,8 +29,8 @@ class List:
     policies: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """List the policies with their parameters instead."""
     pages: Folder = None
-    """Also write a page and a film of every scenario into this folder; with --policies, the page of all policies. What is
-    there is replaced."""
+    """Also write a page and a film of every scenario into this folder; with --policies, the page of all policies. What
+    is there is replaced."""
     output: Answer = Output()
 
 
