@@ -3,28 +3,40 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from agents import planning, rules, shipped
 from agents.learned import LearnedPolicy, is_agent
+from agents.parameters import Parameter, declared
 from agents.policy import Policy
 from passloc_env.errors import InputError, unknown_name
 from passloc_env.platforms import TurnLimitedPlatform
 from passloc_env.scenario import Scenario
 
+
+def _always(rule: type[rules.Rule]) -> Callable[[Scenario], Policy]:
+    """Builds a rule that is the same in every scenario."""
+
+    def build(scenario: Scenario) -> Policy:
+        return rule()
+
+    build.__doc__ = rule.__doc__
+    return build
+
+
 _RULES: dict[str, Callable[..., Policy]] = {
     "stationary": rules.stationary,
-    "straight": lambda scenario: rules.Straight(),
-    "random": lambda scenario: rules.Random(),
-    "circle": lambda scenario: rules.Circle(),
+    "straight": _always(rules.Straight),
+    "random": _always(rules.Random),
+    "circle": _always(rules.Circle),
     "zigzag": rules.zigzag,
-    "perpendicular": lambda scenario: rules.Perpendicular(),
-    "fly-at": lambda scenario: rules.FlyAt(),
-    "yaw": lambda scenario: rules.BodyRate(),
-    "roll": lambda scenario: rules.BodyRate(name="roll", rates=(1.0, 0.0, 0.0)),
-    "legs": lambda scenario: rules.Legs(legs=rules.PUBLISHED_LEGS[scenario.name]),
+    "perpendicular": _always(rules.Perpendicular),
+    "fly-at": _always(rules.FlyAt),
+    "yaw": rules.yaw,
+    "roll": rules.roll,
+    "legs": rules.published_legs,
 }
 
 _PLANNERS: dict[str, Callable[..., Policy]] = {
@@ -38,11 +50,8 @@ _PLANNERS: dict[str, Callable[..., Policy]] = {
 
 _POLICIES = {**_RULES, **_PLANNERS}
 
-_LEARNED, _AGENT = "learned", "agent:"
+LEARNED, AGENT = "learned", "agent:"
 """The shipped agent made for the scenario, and what stands before the name of any."""
-
-_WORDS = ("objective", "over")
-"""Parameters whose values are words; all others are numbers."""
 
 RULE_NAMES = tuple(_RULES)
 """All rules; :func:`rules_for` says which of them a scenario can follow."""
@@ -71,10 +80,10 @@ def find_policy(text: str, scenario: Scenario) -> Policy:
         PolicyError: no such rule, planner or agent (with the closest name), a rule that nothing in the scenario can
             follow, an impossible parameter, or an agent that does not fit the scenario.
     """
-    if text == _LEARNED:
+    if text == LEARNED:
         return shipped.learned(scenario)
-    if text.startswith(_AGENT):
-        return shipped.load(text.removeprefix(_AGENT), scenario)
+    if text.startswith(AGENT):
+        return shipped.load(text.removeprefix(AGENT), scenario)
     name, *settings = text.split(":")
     if name not in _POLICIES:
         if text and is_agent(Path(text)):
@@ -85,15 +94,21 @@ def find_policy(text: str, scenario: Scenario) -> Policy:
     if objection:
         known = ", ".join(rules_for(scenario))
         raise PolicyError(f"policy = {text!r} is not possible: {objection}; known: {known}")
-    given = dict(_setting(item, text) for item in settings)
-    taken = _parameters(name)
-    if not given.keys() <= set(taken):
-        known = ", ".join(taken) or "none"
-        raise PolicyError(f"policy = {text!r} is not possible: {name} takes no such parameter; known: {known}")
+    taken = parameters_of(name)
     try:
-        return _POLICIES[name](scenario, **given)
+        return _POLICIES[name](scenario, **dict(_setting(name, item, taken) for item in settings))
     except ValueError as error:
         raise PolicyError(f"policy = {text!r} is not possible: {error}") from None
+
+
+def meaning_of(name: str) -> str:
+    """What a rule or planner does, in a line."""
+    return (inspect.getdoc(_POLICIES[name]) or "").partition("\n")[0]
+
+
+def parameters_of(name: str) -> dict[str, Parameter]:
+    """What a rule or planner can be told, by name, in order."""
+    return declared(_POLICIES[name])
 
 
 def default_policies(scenario: Scenario) -> tuple[str, ...]:
@@ -120,18 +135,9 @@ def _objection(name: str, scenario: Scenario) -> str:
     return ""
 
 
-def _parameters(name: str) -> list[str]:
-    """What a rule or planner can be told."""
-    _, *taken = inspect.signature(_POLICIES[name]).parameters
-    searching = "parameters" in taken
-    return [*(parameter for parameter in taken if parameter != "parameters"), *(planning.SEARCHING * searching)]
-
-
-def _setting(item: str, text: str) -> tuple[str, Any]:
+def _setting(name: str, item: str, taken: Mapping[str, Parameter]) -> tuple[str, Any]:
+    """A parameter by its name, as ``name=value`` gives it; ValueError unless the policy takes it."""
     key, _, value = item.partition("=")
-    if key in _WORDS:
-        return key, value
-    try:
-        return key, float(value)
-    except ValueError:
-        raise PolicyError(f"policy = {text!r} is not possible: {item!r} must be name=number") from None
+    if key not in taken:
+        raise ValueError(f"{name} takes no such parameter; known: {', '.join(taken) or 'none'}")
+    return key, taken[key].kind.read(key, value)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ from agents.agent_file import CARD, WEIGHTS, AgentFile, AgentFileError
 from agents.shield import Shield
 from agents.symmetry import MirrorSymmetry
 from passloc_env.belief import Belief
+from passloc_env.errors import InputError
 from passloc_env.models import observation_names
 from passloc_env.scenario import Scenario
 
@@ -41,6 +44,7 @@ class LearnedPolicy:
         choices = int(agent.card.get("choices", 0))
         self._choices = choices_of(choices) if choices else None
         self._symmetry = MirrorSymmetry(agent.scenario) if agent.card.get("mirror") else None
+        self._env: Any = None
 
     @classmethod
     def load(cls, path: Path, scenario: Scenario | None = None) -> LearnedPolicy:
@@ -70,6 +74,69 @@ class LearnedPolicy:
         if self._shield is None or belief is None:
             return actions
         return self._shield.guard(belief, actions)
+
+    def predict(
+        self,
+        observation: np.ndarray | dict[str, np.ndarray],
+        state: tuple[np.ndarray, ...] | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, None]:
+        """:meth:`act`, as Stable-Baselines3 asks its models; the shield sees through :meth:`with_belief_of` alone.
+
+        Args:
+            observation: of one environment ``(f,)`` or of a batch ``(N, f)``.
+            state: none is kept.
+            episode_start: nor does it matter when an episode began.
+            deterministic: True or False, the action is the same: a file holds the actor without its spread.
+
+        Returns:
+            The action ``(a,)`` or the actions ``(N, a)``, each within [-1, 1], and no state.
+
+        Raises:
+            InputError: an observation of another shape, or of more or fewer environments than the belief.
+        """
+        seen = self._checked(observation)
+        batch = np.atleast_2d(seen)
+        belief = None if self._env is None else self._env.belief
+        if belief is not None and len(belief.time) != len(batch):
+            raise InputError(f"observation has N = {len(batch)}: the environment's belief has N = {len(belief.time)}")
+        if belief is None and self._shield is not None:
+            words = (
+                f"{self.name} flies without its shield, which needs a belief: agent.with_belief_of(env) gives it one"
+            )
+            warnings.warn(words, stacklevel=2)
+        actions = self.act(batch, belief, None)
+        return actions if seen.ndim == 2 else actions[0], None
+
+    def with_belief_of(self, env: Any) -> LearnedPolicy:
+        """The same agent for :meth:`predict`: its shield looks at what an environment's tracker believes.
+
+        Args:
+            env: any environment of passloc, wrapped or not. The observations must be those that it returned last.
+
+        Raises:
+            InputError: an environment that has no belief.
+        """
+        inner = getattr(env, "unwrapped", env)
+        if not hasattr(type(inner), "belief"):
+            raise InputError(f"env = {type(inner).__name__} is not possible: must be an environment of passloc")
+        policy = copy.copy(self)
+        policy._env = inner
+        return policy
+
+    def _checked(self, observation: Any) -> np.ndarray:
+        """The observation as an array ``(f,)`` or ``(N, f)``; InputError for all else."""
+        features = len(self._layers[0][0])
+        try:
+            seen = np.asarray(observation, dtype=np.float32)
+            found = f"of shape {seen.shape}"
+        except (TypeError, ValueError):
+            seen, found = np.empty(0, np.float32), f"a {type(observation).__name__}"
+        if seen.ndim not in (1, 2) or seen.shape[-1] != features:
+            wanted = f"of shape ({features},) or (N, {features}), as {self.agent.scenario.name} returns it"
+            raise InputError(f"observation is {found}: must be {wanted}")
+        return seen
 
     def _actor(self, hidden: np.ndarray) -> np.ndarray:
         for weight, bias in self._layers[:-1]:

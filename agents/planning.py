@@ -1,13 +1,14 @@
-"""Planners by their parameters, for the catalogue: what is impossible is said before anything flies."""
+"""Planners by their parameters, for the catalogue, which sees that these are possible."""
 
 from __future__ import annotations
 
 import functools
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 from agents.criterion import OBJECTIVES, SPANS, Criterion
+from agents.parameters import Number, Word
 from agents.planners import Greedy, Horizon, Planner, WithTruth
 from passloc_env.platforms import Platform
 from passloc_env.scenario import Scenario
@@ -20,82 +21,87 @@ _LOOKS_TO_THE_END = 12
 """Looks of a horizon that begins as long as the episode."""
 
 
+Objective = Annotated[
+    str, Word("what the plan minimises: ln(σ_r / r), or the trace or determinant of P", tuple(OBJECTIVES))
+]
+Margin = Annotated[
+    float, Number("the forecast range, less so much, must not be below the minimum range", "standard deviations")
+]
+Caution = Annotated[
+    float,
+    Number("how long the deviation in that margin is the one without further measurements", "decisions", endless=True),
+]
+Looks = Annotated[int, Number("looks at the forecast geometry, about", least=1, whole=True)]
+
+
 def greedy(
     scenario: Scenario,
-    objective: str = "D",
-    margin: float = Criterion.margin,
-    caution: float = Criterion.caution,
-    grid: float = Greedy.grid,
+    objective: Objective = "D",
+    margin: Margin = Criterion.margin,
+    caution: Caution = Criterion.caution,
+    grid: Annotated[int, Number("actions compared per component", least=2, whole=True)] = Greedy.grid,
 ) -> Greedy:
-    """One decision ahead, by default D-optimal.
+    """Look one decision ahead and take the best of a grid of actions.
 
     Raises:
-        ValueError: a scenario that cannot be planned for, or an impossible parameter.
+        ValueError: a scenario that cannot be planned for.
     """
     _check(scenario)
-    return Greedy(
-        name=f"greedy {objective}",
-        criterion=_criterion(objective, "end", margin, caution),
-        grid=_count("grid", grid, 2),
-    )
+    criterion = Criterion(objective=objective, span="end", margin=margin, caution=caution)
+    return Greedy(name=f"greedy {objective}", criterion=criterion, grid=grid)
 
 
 def horizon(
-    scenario: Scenario, seconds: float | None = None, looks: float = Horizon.looks, **parameters: Any
+    scenario: Scenario,
+    seconds: Annotated[
+        float | None, Number("how far it looks ahead", "s", above=True, by_default=f"{_DECISIONS} decisions")
+    ] = None,
+    looks: Looks = Horizon.looks,
+    **others: Annotated[Any, _searching],
 ) -> Horizon:
-    """A receding horizon, by default of twelve decisions.
-
-    Args:
-        scenario: the problem.
-        seconds: how far it looks ahead.
-        looks: looks at the forecast geometry.
-        parameters: those of every search, see :func:`_searching`.
+    """Plan some legs over a receding horizon, fly the beginning of the first, and plan anew.
 
     Raises:
-        ValueError: a scenario that cannot be planned for, or an impossible parameter.
+        ValueError: a scenario that cannot be planned for.
     """
     length = _DECISIONS * scenario.episode.interval if seconds is None else seconds
-    if not 0.0 < length < math.inf:
-        raise ValueError("seconds must be a finite number above 0")
-    return _searching(scenario, "horizon", length, looks, **parameters)
+    return _searching(scenario, "horizon", length, looks, **others)
 
 
-def shrinking(scenario: Scenario, looks: float = _LOOKS_TO_THE_END, **parameters: Any) -> Horizon:
-    """A horizon that ends with the episode, the legs of a plan stretched over what is left; otherwise as before.
+def shrinking(scenario: Scenario, looks: Looks = _LOOKS_TO_THE_END, **others: Annotated[Any, _searching]) -> Horizon:
+    """Plan some legs over all that is left of the episode, fly the beginning of the first, and plan anew.
 
     Raises:
-        ValueError: a scenario that cannot be planned for, or an impossible parameter.
+        ValueError: a scenario that cannot be planned for.
     """
-    return _searching(scenario, "shrinking", math.inf, looks, **parameters)
+    return _searching(scenario, "shrinking", math.inf, looks, **others)
 
 
 def _searching(
     scenario: Scenario,
     kind: str,
     seconds: float,
-    looks: float,
-    objective: str = "range",
-    over: str = "mean",
-    margin: float = Criterion.margin,
-    caution: float = Criterion.caution,
-    legs: float = Horizon.legs,
-    generations: float | None = None,
+    looks: int,
+    objective: Objective = Criterion.objective,
+    over: Annotated[str, Word("when that counts: on average over the horizon, or at its end", SPANS)] = Criterion.span,
+    margin: Margin = Criterion.margin,
+    caution: Caution = Criterion.caution,
+    legs: Annotated[int, Number("legs of a plan", least=1, whole=True)] = Horizon.legs,
+    generations: Annotated[
+        int | None, Number("generations of the search after the first", whole=True, by_default="one per control")
+    ] = None,
 ) -> Horizon:
     """A planner that searches; by default for one generation per control, since there is more to search."""
     _check(scenario)
     words = [kind, objective, *([] if over == "mean" else [over]), *([] if math.isinf(seconds) else [_told(seconds)])]
     return Horizon(
         name=" ".join(words),
-        criterion=_criterion(objective, over, margin, caution),
+        criterion=Criterion(objective=objective, span=over, margin=margin, caution=caution),
         seconds=seconds,
-        looks=_count("looks", looks, 1),
-        legs=_count("legs", legs, 1),
-        generations=scenario.action_size if generations is None else _count("generations", generations, 0),
+        looks=looks,
+        legs=legs,
+        generations=scenario.action_size if generations is None else generations,
     )
-
-
-SEARCHING = ("objective", "over", "margin", "caution", "legs", "generations")
-"""What every search can be told."""
 
 
 def knowing(planner: Callable[..., Planner]) -> Callable[..., WithTruth]:
@@ -114,24 +120,6 @@ def _check(scenario: Scenario) -> None:
     for platform in scenario.platforms:
         if type(platform).state_at is Platform.state_at:
             raise ValueError(f"planners cannot tell the state of a {type(platform).__name__} from its pose")
-
-
-def _criterion(objective: str, over: str, margin: float, caution: float) -> Criterion:
-    if objective not in OBJECTIVES:
-        raise ValueError(f"objective must be one of {', '.join(OBJECTIVES)}")
-    if over not in SPANS:
-        raise ValueError(f"over must be one of {', '.join(SPANS)}")
-    if not 0.0 <= margin < math.inf:
-        raise ValueError("margin must be a finite number of standard deviations of at least 0")
-    if not caution >= 0.0:
-        raise ValueError("caution must be a number of decisions of at least 0")
-    return Criterion(objective=objective, span=over, margin=margin, caution=caution)
-
-
-def _count(name: str, value: float, least: int) -> int:
-    if not (math.isfinite(value) and value == int(value) and value >= least):
-        raise ValueError(f"{name} must be a whole number of at least {least}")
-    return int(value)
 
 
 def _told(seconds: float) -> str:

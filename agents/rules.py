@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from agents.parameters import Number
 from passloc_env.angles import bearing_of, wrap
 from passloc_env.arrays import Array
 from passloc_env.belief import Belief
@@ -230,26 +231,26 @@ Severe: 75° to 115° in steps of 10°, to either side, legs of 3 to 10 minutes,
 
 
 def stationary(scenario: Scenario) -> Stationary:
-    """The fixed station of a scenario."""
+    """Stay: the fixed station, its platforms' speed set to zero."""
     moving = [i for i, platform in enumerate(scenario.platforms) if isinstance(platform, TurnLimitedPlatform)]
     return Stationary(overrides={f"platforms.{index}.speed": 0.0 for index in moving})
 
 
 def zigzag(
-    scenario: Scenario, angle: float = 60.0, leg: float | None = None, first: float = 0.0, keep: float = 0.0
+    scenario: Scenario,
+    angle: Annotated[
+        float, Number("between leg and line of sight; negative to begin to port", "degrees", -180.0, 180.0)
+    ] = Zigzag.angle,
+    leg: Annotated[
+        float | None,
+        Number("length of a leg", "s", above=True, by_default="a sixth of the episode, in whole decisions"),
+    ] = None,
+    first: Annotated[float, Number("length of the first leg, if it is another; 0 if not", "s")] = Zigzag.first,
+    keep: Annotated[
+        float, Number("believed range below which every leg leads away from the emitter", "m")
+    ] = Zigzag.keep,
 ) -> Zigzag:
-    """A zigzag whose legs are, unless told otherwise, a sixth of the episode in whole decisions.
-
-    Raises:
-        ValueError: an angle beyond half a turn, a leg that is not a positive time, or a negative first leg or range.
-    """
-    if not -180.0 <= angle <= 180.0:
-        raise ValueError("angle must be from -180 to 180 degrees")
-    if leg is not None and not 0.0 < leg < math.inf:
-        raise ValueError("leg must be a finite number of seconds above 0")
-    for name, value in (("first", first), ("keep", keep)):
-        if not 0.0 <= value < math.inf:
-            raise ValueError(f"{name} must be a finite number of at least 0")
+    """Zigzag: legs to starboard and to port of the believed line of sight, in turn."""
     episode = scenario.episode
     decisions = max(1, round(episode.duration / 6.0 / episode.interval))
     seconds = decisions * episode.interval if leg is None else leg
@@ -259,3 +260,18 @@ def zigzag(
         f"keep {keep / 1e3:g} km" * (keep > 0),
     ]
     return Zigzag(", ".join(filter(None, words)), angle=angle, leg=seconds, first=first, keep=keep)
+
+
+def published_legs(scenario: Scenario) -> Legs:
+    """Steer the legs that the literature has for the case."""
+    return Legs(legs=PUBLISHED_LEGS[scenario.name])
+
+
+def yaw(scenario: Scenario) -> BodyRate:
+    """Yaw every body that can be turned, at its largest rate; headings are kept."""
+    return BodyRate()
+
+
+def roll(scenario: Scenario) -> BodyRate:
+    """Roll every body that can be turned, at its largest rate; headings are kept."""
+    return BodyRate(name="roll", rates=(1.0, 0.0, 0.0))

@@ -49,11 +49,12 @@ class Candidate:
         """
         if not self.folder.exists():
             return False
-        card = AgentFile.load(self.folder).card
-        training = card.get("training", {})
-        wanted = (self.scenario.override(self.parameters.overrides).to_dict(), dataclasses.asdict(self.parameters))
-        found = [card["scenario"], training.get("hyperparameters")]
-        if found != json.loads(json.dumps(wanted)) or training.get("seed") != self.seed:
+        agent = AgentFile.load(self.folder)
+        training = agent.card.get("training", {})
+        # A card that is older than a field of its scenario means that field's default.
+        same = agent.scenario == self.scenario.override(self.parameters.overrides)
+        parameters = json.loads(json.dumps(dataclasses.asdict(self.parameters)))
+        if not same or training.get("hyperparameters") != parameters or training.get("seed") != self.seed:
             raise InputError(f"{self.folder} holds an agent trained otherwise: name another folder with --out")
         return True
 

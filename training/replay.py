@@ -56,17 +56,19 @@ def replay(arguments: Replay) -> list[Path]:
 
 
 def _write(files: dict[str, Path], scenario: Scenario, policies: Sequence[Policy], seed: int) -> Iterator[Path]:
-    """Write what was asked for; each file once it is whole."""
+    """Fly once, and write all that was asked for; each file once it is whole."""
+    films = {ending: path for ending, path in files.items() if ending != "html"}
+    # What is not installed is told before anything is flown.
     if "html" in files:
         from training.report.episode_page import write_episode
-
-        write_episode(files["html"], scenario, policies, seed)
-        yield files["html"]
-    films = {ending: path for ending, path in files.items() if ending != "html"}
     if films:
         from training.film import write_gif, write_mp4
-
-        frames = _drawn(_recorded(scenario, policies, seed))
+    recordings = _recorded(scenario, policies, seed)
+    if "html" in files:
+        write_episode(files["html"], scenario, recordings, seed)
+        yield files["html"]
+    if films:
+        frames = _drawn(recordings)
         frames += [frames[-1]] * _HELD
         for ending, path in films.items():
             {"gif": write_gif, "mp4": write_mp4}[ending](path, frames, FRAMES_PER_SECOND)

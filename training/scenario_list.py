@@ -18,6 +18,15 @@ _HEADINGS = ("scenario", "lasts", "decides each", "sensors")
 _INDENT = (0, 0, 0, 4)
 
 
+def list_known(arguments: List) -> dict[str, Any]:
+    """List the scenarios or, where they are asked for, the policies."""
+    if arguments.policies:
+        from training.policy_list import list_policies
+
+        return list_policies(arguments)
+    return list_scenarios(arguments)
+
+
 def list_scenarios(arguments: List) -> dict[str, Any]:
     """Print the scenarios, and write their pages where that is asked for; what was printed, as plain data."""
     if arguments.pages is not None:
@@ -69,3 +78,4 @@ def print_scenarios(console: Console) -> None:
     agents = ", ".join(f"agent:{name}" for name in shipped_agents())
     console.print(f"shipped agents: {agents}", highlight=False)
     console.print(Padding("learned stands for the one made for the scenario", _INDENT), highlight=False)
+    console.print("what each does, and its parameters: passloc list --policies", highlight=False)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from rich.box import SIMPLE
 from rich.table import Table
 
-from passloc_env.scenario import Scenario
 from training.evaluate import Evaluation, Verdict
+from training.markdown import RIGHT, markdown
 from training.score import score_of
 from training.statistics import Estimate
 
-_POLICY, _CONSISTENCY = "policy", "ANEES"
+_POLICY, _DIFFERENCE, _CONSISTENCY = "policy", "difference", "ANEES"
+
+Column = Callable[[Verdict], str]
 
 
 def with_interval(estimate: Estimate, digits: int, scale: float = 1.0) -> str:
@@ -27,7 +29,7 @@ def _digits(value: float) -> int:
     return min(3, max(0, 2 - math.floor(math.log10(value)))) if 0.0 < value < math.inf else 0
 
 
-COLUMNS: dict[str, Callable[[Verdict], str]] = {
+COLUMNS: dict[str, Column] = {
     _POLICY: lambda v: v.policy,
     "log range bound": lambda v: with_interval(v.log_range_bound, 3),
     "end error, %": lambda v: with_interval(v.end_error, 2, 100.0),
@@ -39,16 +41,26 @@ COLUMNS: dict[str, Callable[[Verdict], str]] = {
     _CONSISTENCY: lambda v: f"{v.anees:.2f}" if v.anees < 100.0 else f"{v.anees:.0e}",
     "ms/decision": lambda v: f"{v.milliseconds_per_decision:.4f}",
 }
-"""Columns of every table, in order; :func:`columns_of` adds the score of a scenario where that is none of them."""
+"""Columns of every table, in order; :func:`columns_of` adds those that some tables have."""
+
+_DISPENSABLE = ("ms/decision", _CONSISTENCY, "RMS / bound", "lost, %", "time to 10 %, s", "end error, m")
+"""What a narrow terminal does without first, in this order: who wins by violations is to be seen in any."""
 
 
-def columns_of(scenario: Scenario) -> dict[str, Callable[[Verdict], str]]:
-    """The columns of a scenario's tables, in order: what sorts them comes right after the headline."""
-    score = score_of(scenario)
-    if score.column in COLUMNS:
-        return COLUMNS
-    first = dict(list(COLUMNS.items())[:2])
-    return first | {score.column: lambda verdict: with_interval(score.cell(verdict), score.digits)} | COLUMNS
+def difference(verdict: Verdict) -> str:
+    """How far a policy's log range bound lies from the reference's, paired."""
+    return with_interval(verdict.advantage, 3)
+
+
+def columns_of(evaluation: Evaluation) -> dict[str, Column]:
+    """The columns of an evaluation's tables, in order: after the headline what sorts, then what sets apart."""
+    score = score_of(evaluation.scenario)
+    columns = dict(list(COLUMNS.items())[:2])
+    if score.column not in COLUMNS:
+        columns[score.column] = lambda verdict: with_interval(score.cell(verdict), score.digits)
+    if len(evaluation.verdicts) > 1:
+        columns[_DIFFERENCE] = difference
+    return columns | COLUMNS
 
 
 def title(evaluation: Evaluation) -> str:
@@ -59,9 +71,8 @@ def title(evaluation: Evaluation) -> str:
 
 
 def notes(evaluation: Evaluation, columns: Sequence[str] | None = None) -> str:
-    """How to read the columns, all by default, and which are missing."""
-    every = columns_of(evaluation.scenario)
-    columns = tuple(every) if columns is None else columns
+    """How to read the columns, all by default."""
+    columns = tuple(columns_of(evaluation)) if columns is None else columns
     scenario, (low, high) = evaluation.scenario, evaluation.anees_band
     away = "range" if len(scenario.platforms) == 1 else f"the range of platform {scenario.own_ship}"
     sentences = [
@@ -69,15 +80,16 @@ def notes(evaluation: Evaluation, columns: Sequence[str] | None = None) -> str:
     ]
     if any(sensor.noise_law == "uniform" for sensor in scenario.sensors):
         sentences.append("Uniform noise has no such bound: it is that of normal noise of the same variance.")
+    if _DIFFERENCE in columns:
+        sentences.append(
+            f"Difference: log range bound minus that of {evaluation.reference}, paired; negative is better."
+        )
     sentences.append(f"End error: median position error, over {away} and in metres.")
     sentences += filter(None, [score_of(scenario).remark])
     sentences.append(_violations(scenario.episode.min_range))
     sentences.append("Brackets: 95 % intervals (paired bootstrap; Wilson for rates).")
     if _CONSISTENCY in columns:
         sentences.append(f"ANEES per state of a consistent tracker: {low:.2f}–{high:.2f}.")
-    hidden = [name.split(",")[0] for name in every if name not in columns]
-    if hidden:
-        sentences.append(f"No room for {', '.join(hidden)}: widen the terminal or use --json.")
     return " ".join(sentences)
 
 
@@ -86,13 +98,14 @@ def _violations(min_range: float) -> str:
 
 
 def rich_table(evaluation: Evaluation, width: int) -> Table:
-    """The evaluation for a terminal of a given width, best policy first; narrow ones get the leading columns."""
-    columns = {name: _column(name, write, evaluation) for name, write in columns_of(evaluation.scenario).items()}
+    """The evaluation for a terminal of a given width, best policy first; narrow ones get fewer columns."""
+    every = columns_of(evaluation)
+    columns = {name: _column(name, write, evaluation) for name, write in every.items()}
     while len(columns) > 1 and sum(_width(name, cells) + 1 for name, cells in columns.items()) > width + 1:
-        columns.popitem()
+        del columns[_least(columns, score_of(evaluation.scenario).column)]
     table = Table(
         title=title(evaluation),
-        caption=notes(evaluation, list(columns)),
+        caption=notes(evaluation, tuple(columns)) + _no_room([name for name in every if name not in columns]),
         caption_justify="left",
         box=SIMPLE,
         padding=0,
@@ -107,7 +120,18 @@ def rich_table(evaluation: Evaluation, width: int) -> Table:
     return table
 
 
-def _column(name: str, write: Callable[[Verdict], str], evaluation: Evaluation) -> list[str]:
+def _least(columns: Iterable[str], score: str) -> str:
+    """The column that can be done without best: a dispensable one that is not the score, or the last."""
+    names = tuple(columns)
+    return next((name for name in _DISPENSABLE if name in names and name != score), names[-1])
+
+
+def _no_room(hidden: Sequence[str]) -> str:
+    """A sentence that says which columns are missing, if any."""
+    return f" No room for {'; '.join(hidden)}: widen the terminal or use --json." if hidden else ""
+
+
+def _column(name: str, write: Column, evaluation: Evaluation) -> list[str]:
     """Heading and cells, intervals on a line of their own."""
     heading = name.replace(", ", ",\n").replace("time to ", "time to\n")
     cells = [write(verdict) for verdict in ranked(evaluation)]
@@ -121,11 +145,9 @@ def _width(name: str, cells: list[str]) -> int:
 
 def markdown_table(evaluation: Evaluation) -> str:
     """The evaluation as a Markdown table, best policy first."""
-    columns = columns_of(evaluation.scenario)
-    lines = ["| " + " | ".join(columns) + " |", "|" + "|".join([":--"] + ["--:"] * (len(columns) - 1)) + "|"]
-    for verdict in ranked(evaluation):
-        lines.append("| " + " | ".join(write(verdict) for write in columns.values()) + " |")
-    return "\n".join(lines) + "\n"
+    columns = columns_of(evaluation)
+    rows = [[write(verdict) for write in columns.values()] for verdict in ranked(evaluation)]
+    return markdown(tuple(columns), rows, RIGHT) + "\n"
 
 
 def ranked(evaluation: Evaluation) -> list[Verdict]:

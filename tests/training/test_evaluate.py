@@ -14,7 +14,7 @@ from passloc_env.motion import ConstantAcceleration
 from passloc_env.tracking import UnscentedKalman
 from training.evaluate import Evaluation, evaluate
 from training.statistics import rate
-from training.table import COLUMNS, markdown_table, notes, ranked, rich_table, title
+from training.table import COLUMNS, columns_of, markdown_table, notes, ranked, rich_table, title
 
 EPISODES = 24
 SHORT = SCENARIOS["BearingsOnly"].override(
@@ -172,8 +172,9 @@ def test_progress_counts_every_episode():
 def test_tables_hold_every_policy_best_first(evaluation):
     lines = markdown_table(evaluation).splitlines()
     assert len(lines) == 2 + len(evaluation.verdicts)
-    assert all(line.count("|") == len(COLUMNS) + 1 for line in lines)
-    assert lines[0] == "| " + " | ".join(COLUMNS) + " |"
+    columns = columns_of(evaluation)
+    assert all(line.count("|") == len(columns) + 1 for line in lines)
+    assert lines[0] == "| " + " | ".join(columns) + " |"
     order = [line.split("|")[1].strip() for line in lines[2:]]
     assert order == [verdict.policy for verdict in ranked(evaluation)]
     assert sorted(order) == sorted(verdict.policy for verdict in evaluation.verdicts)
@@ -183,6 +184,20 @@ def test_tables_hold_every_policy_best_first(evaluation):
     assert f"{evaluation.verdicts[0].log_range_bound.value:.3f} [" in circle
     assert "seeds 50–73" in title(evaluation)
     assert "10 km" in notes(evaluation)
+
+
+def test_the_paired_difference_stands_where_there_is_a_reference(evaluation):
+    """Beside the headline, from the reference that the notes name; alone, a policy differs from nobody."""
+    heading, _, *lines = (line.strip("| ").split(" | ") for line in markdown_table(evaluation).splitlines())
+    column = heading.index("difference")
+    assert heading[column - 1] == "log range bound"
+    for line, verdict in zip(lines, ranked(evaluation), strict=True):
+        mine, reference = (evaluation.scores[name].log_range_bound for name in (verdict.policy, "circle"))
+        assert float(line[column].split(" [")[0]) == pytest.approx(np.mean(mine - reference), abs=5.1e-4)
+    assert "Difference: log range bound minus that of circle, paired" in notes(evaluation)
+    alone = evaluate(SHORT, [Circle()], 4)
+    assert list(columns_of(alone)) == list(COLUMNS)
+    assert "Difference" not in notes(alone)
 
 
 def test_errors_are_also_in_metres(evaluation):
@@ -226,12 +241,15 @@ def test_terminal_table_fits_its_terminal(evaluation, width):
     assert all(verdict.policy in text for verdict in evaluation.verdicts)
     assert f"{evaluation.verdicts[0].log_range_bound.value:.3f}" in text
     words = " ".join(text.split())
-    hidden = words.split("No room for ")[1].split(":")[0].split(", ") if "No room for" in words else []
+    hidden = words.split("No room for ")[1].split(":")[0].split("; ") if "No room for" in words else []
     assert bool(hidden) == (width < 200)
     assert ("ANEES per state" in words) == ("ANEES" not in hidden)
-    shown = [name for name in list(COLUMNS)[2:] if name.split(",")[0] not in hidden]
+    columns = columns_of(evaluation)
+    shown = [name for name in list(columns)[2:] if name not in hidden]
+    assert ("minus that of circle" in words) == ("difference" in shown) == (width >= 60)
+    assert ("violations, %" in shown) == (width >= 80)
     for verdict in evaluation.verdicts:
-        assert all(COLUMNS[name](verdict).split(" [")[0] in text for name in shown)
+        assert all(columns[name](verdict).split(" [")[0] in text for name in shown)
 
 
 def test_names_of_policies_are_never_cut():

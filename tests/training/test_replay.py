@@ -12,7 +12,7 @@ from agents import find_policy
 from passloc_env import SCENARIOS
 from passloc_env.rendering.frame import SIZE
 from passloc_env.rendering.viewport import Viewport
-from training import film
+from training import film, replay
 from training.cli import main
 from training.replay import record, side_by_side
 
@@ -65,6 +65,19 @@ def test_files_hold_every_decision(tmp_path: Path) -> None:
     assert frames == 4 + 15
     assert seconds == pytest.approx(1.9, abs=0.11)
     assert {path.name for path in tmp_path.iterdir()} == {"new", "flown.mp4"}
+
+
+def test_what_is_asked_for_as_a_page_and_as_pictures_is_flown_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("plotly")
+    flown = []
+    monkeypatch.setattr(replay, "record", lambda *what: flown.append(what[1].name) or record(*what))
+    page, gif = tmp_path / "flown.html", tmp_path / "flown.gif"
+    assert main([*WORDS, "--policy", "circle,straight", "--html", str(page), "--gif", str(gif)]) == 0
+    assert flown == ["circle", "straight"]
+    assert page.exists()
+    assert gif.exists()
 
 
 @pytest.mark.parametrize(

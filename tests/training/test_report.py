@@ -255,15 +255,15 @@ def test_curves_are_medians_of_what_was_flown():
 def test_long_flights_are_thinned_and_stay_in_step():
     """One that ends early is shown at the same times as the others, and its end; what is unknown is null."""
     scenario = SCENARIOS["BearingsOnly"]
-    policies = {name: find_policy(name, scenario) for name in ("straight", "circle")}
-    data = played(scenario, policies, 1_000_003)
+    recordings = {name: record(scenario, find_policy(name, scenario), 1_000_003) for name in ("straight", "circle")}
+    data = played(scenario, recordings, 1_000_003)
     short, long = sorted((flight["time"] for flight in data["flights"]), key=len)
     assert short[-1] < long[-1]
     assert len(long) <= 121
     assert short[:-1] == long[: len(short) - 1]
     assert long[len(short) - 2] < short[-1] <= long[len(short) - 1]
     for flight in data["flights"]:
-        flown = record(scenario, policies[flight["name"]], 1_000_003).instants
+        flown = recordings[flight["name"]].instants
         assert (flight["time"][0], flight["time"][-1]) == (flown[0].time, flown[-1].time)
     assert _numbers(np.array([1.26, np.nan, np.inf]), 1) == [1.3, None, None]
     json.dumps(data, allow_nan=False)
@@ -271,7 +271,7 @@ def test_long_flights_are_thinned_and_stay_in_step():
 
 def test_names_cannot_break_out_of_the_page():
     name = "</script><script>alert(1)</script>"
-    player = played(SHORT, {name: find_policy("circle", SHORT)}, 3)
+    player = played(SHORT, {name: record(SHORT, find_policy("circle", SHORT), 3)}, 3)
     page = html(Page(title=name, configuration={name: name}, player=player)).partition("<body>")[2]
     assert name not in page
     assert page.count("alert(1)") == 7

@@ -39,7 +39,7 @@ def test_tables_are_sorted_by_a_column_that_they_have(name):
     heading, _, *rows = [
         [cell.strip() for cell in line.strip("|").split("|")] for line in markdown_table(evaluation).splitlines()
     ]
-    assert heading == list(columns_of(scenario))
+    assert heading == list(columns_of(evaluation))
     shown = [float(row[heading.index(score.column)].split()[0]) for row in rows]
     assert shown == sorted(shown)
     assert (score.remark in notes(evaluation)) or not score.remark

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("stable_baselines3")
 
 from agents import AgentFile
+from agents.agent_file import CARD
 from passloc_env.errors import InputError
 from training import candidate as candidate_module
 from training.commands import EVALUATION_SEED, Seeds
@@ -100,6 +101,16 @@ def test_what_is_there_is_not_trained_again(page, arguments, trained):
     assert page.read_text(encoding="utf-8").partition("| policy")[0] == before.partition("| policy")[0]
     seeds(dataclasses.replace(arguments, seeds=(3, 4)))
     assert trained == [4]
+
+
+def test_a_card_older_than_a_field_of_its_scenario_means_the_default(page, arguments, trained):
+    """Or every new field of a scenario would disown the agents that were trained before it."""
+    path = arguments.out / "BearingsOnly-5" / CARD
+    card = json.loads(path.read_text(encoding="utf-8"))
+    del card["scenario"]["tracker"]["gate"]
+    path.write_text(json.dumps(card), encoding="utf-8")
+    seeds(arguments)
+    assert trained == []
 
 
 def test_agents_of_other_settings_are_refused_before_anything_is_trained(page, arguments, trained):

@@ -57,7 +57,7 @@ class Command(NamedTuple):
 
 GROUPS: dict[str, dict[str, Command]] = {
     "look": {
-        "list": Command(List, "training.scenario_list:list_scenarios"),
+        "list": Command(List, "training.scenario_list:list_known"),
         "new-scenario": Command(NewScenario, "training.starter:new_scenario"),
         "replay": Command(Replay, "training.replay:replay"),
         "observe": Command(Observe, "training.observe:observe"),

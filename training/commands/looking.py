@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
+import tyro
 from tyro.conf import Positional
 
 from training.commands.fields import EVALUATION_SEED, Answer, File, Folder, Output, Overrides, ScenarioName
@@ -15,14 +16,21 @@ from training.commands.fields import EVALUATION_SEED, Answer, File, Folder, Outp
 class List:
     """List the scenarios, and who can fly them.
 
+    Or the policies, and what each can be told.
+
     Examples:
         passloc list
+        passloc list --policies
         passloc list --json -
         passloc list --pages runs/scenarios
+        passloc list --policies --pages runs
     """
 
+    policies: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """List the policies with their parameters instead."""
     pages: Folder = None
-    """Also write a page and a film of every scenario into this folder; what is there is replaced."""
+    """Also write a page and a film of every scenario into this folder; with --policies, the page of all policies. What
+    is there is replaced."""
     output: Answer = Output()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ from training.leaderboard.picture import MANY_VIOLATIONS, draw
 from training.markdown import RIGHT, markdown
 from training.score import END_RMS, LOG_RANGE_BOUND, score_of
 from training.statistics import Bootstrap
-from training.table import columns_of, notes, ranked, title, with_interval
+from training.table import Column, columns_of, difference, notes, ranked, title, with_interval
 
 if TYPE_CHECKING:
     from training.leaderboard.board import Section
@@ -44,8 +44,6 @@ course, any own heading, and 0.7 to 1.5 times its noise; agents are trained on f
 
 _SHARED = ("end error, %", "violations, %", "lost, %", "RMS / bound", "ANEES", "ms/decision")
 _PERCENTILES = {"median": 50, "p95": 95, "p99": 99}
-
-Column = Callable[[Verdict], str]
 
 
 def write(sections: Sequence[Section], arguments: Leaderboard) -> list[Path]:
@@ -106,7 +104,7 @@ def _section(section: Section) -> str:
     evaluation, variant = section.evaluation, section.variant
     columns = _columns(evaluation)
     rows = [tuple(column(verdict) for column in columns.values()) for verdict in ranked(evaluation)]
-    remarks = [notes(evaluation), *section.notes]
+    remarks = [notes(evaluation, tuple(columns)), *section.notes]
     parts = [
         f"## {variant.title}",
         f"{title(evaluation)}.",
@@ -119,14 +117,14 @@ def _section(section: Section) -> str:
 
 def _columns(evaluation: Evaluation) -> dict[str, Column]:
     """The columns of a variant's table: its score and, where that is the RMS error, the percentiles come first."""
-    every, score = columns_of(evaluation.scenario), score_of(evaluation.scenario)
+    every, score = columns_of(evaluation), score_of(evaluation.scenario)
     columns: dict[str, Column] = {name: every[name] for name in ("policy", score.column)}
     if score is END_RMS:
         bootstrap = Bootstrap(evaluation.episodes)
         for name, percent in _PERCENTILES.items():
             columns[f"{name}, km"] = functools.partial(_kilometres, evaluation, bootstrap, percent)
     columns[LOG_RANGE_BOUND.column] = every[LOG_RANGE_BOUND.column]
-    columns[f"minus {evaluation.reference}'s"] = lambda verdict: with_interval(verdict.advantage, 3)
+    columns[f"minus {evaluation.reference}'s"] = difference
     return columns | {name: every[name] for name in _SHARED}
 
 

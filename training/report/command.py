@@ -10,6 +10,7 @@ from training.arguments import at_least_one, free_path
 from training.commands import Report
 from training.evaluate import Evaluation
 from training.progress import console
+from training.replay import record
 from training.report import charts
 from training.report.errors import EPISODES, error_curves
 from training.report.page import Chart, Page, write_report
@@ -56,7 +57,8 @@ def report_page(subject: Subject) -> Page:
         words = "Mean return and violations of the episodes that ended in each rollout of the training."
         page.charts.append(Chart("learning", "Learning", words, charts.learning(subject.curve)))
     if shown:
-        page.player = played(subject.scenario, shown, evaluation.seed)
+        flown = {name: record(subject.scenario, policy, evaluation.seed) for name, policy in shown.items()}
+        page.player = played(subject.scenario, flown, evaluation.seed)
         episodes = min(EPISODES, evaluation.episodes)
         words = (
             f"Medians over {episodes} of the episodes, the middle half of the errors shaded. Dashed: the median error "
@@ -89,7 +91,7 @@ def _lead(subject: Subject) -> list[str]:
 
 
 def _table(evaluation: Evaluation) -> dict[str, object]:
-    columns = columns_of(evaluation.scenario)
+    columns = columns_of(evaluation)
     headings = list(columns)
     return {
         "title": title(evaluation),

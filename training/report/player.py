@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from agents import Policy
 from passloc_env.arrays import Array
 from passloc_env.rendering.colours import EMITTER, ESTIMATE, FAINT, GRID, INK, OBSERVER, POLICIES
 from passloc_env.rendering.map_panel import ellipse, extent
 from passloc_env.rendering.record import Instant
 from passloc_env.scenario import Scenario
-from training.replay import record
+from training.replay import Recording
 
 _FRAMES = 121
 """Instants of an episode at most; a page is not a film."""
@@ -25,15 +24,15 @@ _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 49)
 _MARGIN = 0.06
 
 
-def played(scenario: Scenario, policies: Mapping[str, Policy], seed: int) -> dict[str, Any]:
+def played(scenario: Scenario, recordings: Mapping[str, Recording], seed: int) -> dict[str, Any]:
     """What the player needs: per policy the tracks in kilometres, per cent of range for errors, seconds for times.
 
     Args:
         scenario: the problem.
-        policies: who flies, by name; all on the same episode.
+        recordings: what was flown, by the policy's name; all on the same episode.
         seed: of the episode.
     """
-    flown = _thinned({name: record(scenario, policy, seed).instants for name, policy in policies.items()})
+    flown = _thinned({name: recording.instants for name, recording in recordings.items()})
     episode = scenario.episode
     window = _window([instant for instants in flown.values() for instant in instants], episode.min_range)
     return {
