@@ -24,7 +24,7 @@ from training.episodes import Flight, Scores, fly_all, fly_batch
 from training.files import json_text, write_whole
 from training.provenance import provenance
 from training.results import Results, ScoresOnDisk, opened_results
-from training.statistics import Bootstrap, Estimate, chi_square_band, rate, root_mean_square
+from training.statistics import Asked, Bootstrap, Estimate, chi_square_band, rate, root_mean_square
 
 _T = TypeVar("_T")
 
@@ -247,23 +247,26 @@ def compare(
 
 
 def _judge(name: str, scores: Scores, reference: Scores, seconds: float, states: int, bootstrap: Bootstrap) -> Verdict:
+    asked = {
+        "log_range_bound": Asked(lambda: scores.log_range_bound),
+        "advantage": Asked(lambda: scores.log_range_bound - reference.log_range_bound),
+        "end_error": Asked(lambda: scores.end_error, np.median),
+        "end_position_error": Asked(lambda: scores.end_position_error, np.median),
+        "mean_error": Asked(lambda: scores.mean_error, np.median),
+        "time_to_10": Asked(lambda: scores.time_to_10),
+        "time_to_5": Asked(lambda: scores.time_to_5),
+        "end_rms": Asked(lambda: scores.end_position_error, root_mean_square),
+    }
+    estimates = dict(zip(asked, bootstrap.estimates(list(asked.values())), strict=True))
     percentiles = np.percentile(scores.end_error, [50, 95, 99])
     rms_bound = root_mean_square(scores.end_position_bound)
-    end_rms = bootstrap.estimate(scores.end_position_error, root_mean_square)
     return Verdict(
         policy=name,
-        log_range_bound=bootstrap.estimate(scores.log_range_bound),
-        advantage=bootstrap.estimate(scores.log_range_bound - reference.log_range_bound),
-        end_error=bootstrap.estimate(scores.end_error, np.median),
-        end_position_error=bootstrap.estimate(scores.end_position_error, np.median),
+        **estimates,
         end_error_percentiles=dict(zip(("p50", "p95", "p99"), map(float, percentiles), strict=True)),
-        mean_error=bootstrap.estimate(scores.mean_error, np.median),
-        time_to_10=bootstrap.estimate(scores.time_to_10),
-        time_to_5=bootstrap.estimate(scores.time_to_5),
         violations=rate(scores.violated),
         lost=rate(scores.lost),
-        end_rms=end_rms,
-        efficiency=float(end_rms.value / rms_bound),
+        efficiency=float(estimates["end_rms"].value / rms_bound),
         anees=float(np.mean(scores.mean_nees)) / states,
         milliseconds_per_decision=1e3 * seconds,
     )

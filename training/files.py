@@ -55,6 +55,14 @@ def note(path: Path, what: str = "") -> None:
     _saved[path] = what
 
 
+def move_whole(folder: Path, to: Path) -> None:
+    """Give a folder that is whole the name by which it is known from now on."""
+    folder.replace(to)
+    for path in [path for path in _saved if folder in (path, *path.parents)]:
+        del _saved[path]
+    note(to)
+
+
 def forget() -> None:
     """Begin to remember anew."""
     _saved.clear()

@@ -10,7 +10,7 @@ import dataclasses
 import io
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ BATCH = 1024
 _FORMAT = "passloc-results-1"
 _SETTINGS = "settings.json"
 _SEED, _SECONDS = "seed", "seconds_per_decision"
+_TRUTHS = [field.name for field in dataclasses.fields(Scores) if field.type == "BoolArray"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,21 +76,24 @@ class Results:
         write_whole(path, content.getvalue())
 
     def scores(self, policy: str) -> Scores:
-        """All scores of a policy, read column by column.
+        """The scores of a policy, each read whenever it is asked for, and held no longer than by whoever asked.
+
+        InputError says then that a file is missing or damaged.
+        """
+        return _StoredScores(lambda name: self._column(policy, name))
+
+    def seconds(self, policy: str) -> float:
+        """Seconds per decision that a policy took.
 
         Raises:
             InputError: a file is missing or damaged.
         """
-        return Scores(**{field.name: self._column(policy, field.name) for field in dataclasses.fields(Scores)})
-
-    def seconds(self, policy: str) -> float:
-        """Seconds per decision that a policy took; errors as of :meth:`scores`."""
         return float(self._column(policy, _SECONDS).mean())
 
     def _column(self, policy: str, name: str) -> np.ndarray:
         from pyarrow import ArrowException, parquet
 
-        parts = []
+        column = np.empty(self.episodes, bool if name in _TRUTHS else float)
         for first, count in self.batches:
             path = self.path(policy, first)
             try:
@@ -99,12 +103,24 @@ class Results:
                 part = np.empty(0)
             if len(part) != count:
                 raise InputError(f"{path} cannot be read: remove it, and run the same command again")
-            parts.append(part)
-        return np.concatenate(parts)
+            column[first : first + count] = part
+        return column
+
+
+class _StoredScores(Scores):
+    """Scores none of which is held."""
+
+    def __init__(self, column: Callable[[str], np.ndarray]) -> None:
+        self._column = column
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        if name not in Scores.__dataclass_fields__:
+            raise AttributeError(f"scores have no {name}")
+        return self._column(name)
 
 
 class ScoresOnDisk(Mapping[str, Scores]):
-    """The scores of each policy by its name, read whenever they are asked for."""
+    """The scores of each policy by its name; see :meth:`Results.scores`."""
 
     def __init__(self, results: Results) -> None:
         self._results = results

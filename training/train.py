@@ -87,10 +87,10 @@ def _alone(arguments: Train) -> Path:
 
 def train_and_say(arguments: Train) -> Run:
     """Train as :func:`train` does, and say how long it took and where the agent is."""
-    finished = train(arguments)
-    said = f"trained in {finished.seconds:.0f} s; the agent is in {finished.folder}"
+    trained = train(arguments)
+    said = f"trained in {trained.seconds:.0f} s; the agent is in {trained.folder}"
     console.print(said, highlight=False, soft_wrap=True)
-    return finished
+    return trained
 
 
 def check_training(scenario: Scenario, parameters: Hyperparameters) -> None:
@@ -136,12 +136,18 @@ def run(
         return _learn(assignment, folder, None, checkpoint, quiet, watch)
 
 
-def resume(folder: Path, checkpoint: int) -> Run:
+def finished(folder: Path) -> bool:
+    """Whether a run has come to its end: one that is interrupted leaves its agent too, but with checkpoints."""
+    return (folder / CARD).exists() and not has_checkpoint(folder)
+
+
+def resume(folder: Path, checkpoint: int, quiet: bool = False) -> Run:
     """Go on with a run that was cut short: it ends as if it had not been, to the last bit.
 
     Args:
         folder: of the run.
         checkpoint: decisions between further checkpoints; 0 for none.
+        quiet: no progress bar.
 
     Raises:
         InputError: no run, one that is finished, another process that writes into the folder.
@@ -149,14 +155,14 @@ def resume(folder: Path, checkpoint: int) -> Run:
     """
     assignment = Assignment.load(folder)
     with held(folder):
+        if finished(folder):
+            raise InputError(f"{folder} is finished: there is nothing to go on with")
         if not has_checkpoint(folder):
-            if (folder / CARD).exists():
-                raise InputError(f"{folder} is finished: there is nothing to go on with")
-            return _learn(assignment, folder, None, checkpoint)
+            return _learn(assignment, folder, None, checkpoint, quiet)
         saved, damaged = find_checkpoint(folder)
         for remark in damaged:
             print(f"passloc: {remark}; going on from the one before", file=sys.stderr)
-        return _learn(assignment, folder, saved, checkpoint)
+        return _learn(assignment, folder, saved, checkpoint, quiet)
 
 
 def _learn(

@@ -70,9 +70,9 @@ def counted(monkeypatch):
     trained = []
     run = candidate_module.run
 
-    def counting(scenario, *others):
+    def counting(scenario, *others, **options):
         trained.append(scenario.reward)
-        return run(scenario, *others)
+        return run(scenario, *others, **options)
 
     monkeypatch.setattr(candidate_module, "run", counting)
     return trained
@@ -138,12 +138,12 @@ def test_an_interrupted_ablation_goes_on(arguments, tmp_path, monkeypatch, count
     cut = dataclasses.replace(arguments, out=tmp_path / "cut")
     run = candidate_module.run
 
-    def interrupt(scenario, parameters, folder, seed, quiet):
+    def interrupt(scenario, parameters, folder, seed, quiet, checkpoint):
         if len(counted) == 2:
             (folder / "curve.csv").write_text("half", encoding="utf-8")
             (folder / "stale").write_text("half", encoding="utf-8")
             raise KeyboardInterrupt
-        return run(scenario, parameters, folder, seed, quiet)
+        return run(scenario, parameters, folder, seed, quiet, checkpoint=checkpoint)
 
     with monkeypatch.context() as patch:
         patch.setattr(candidate_module, "run", interrupt)

@@ -22,11 +22,12 @@ from passloc_env import SCENARIOS
 from passloc_env.errors import InputError
 from training import evaluate as evaluate_module
 from training import results as results_module
+from training import statistics
 from training.engines.local import Local
 from training.episodes import Scores
-from training.evaluate import evaluate
-from training.results import opened_results
-from training.statistics import Bootstrap
+from training.evaluate import compare, evaluate
+from training.results import ScoresOnDisk, opened_results
+from training.statistics import Bootstrap, root_mean_square
 
 ROOT = Path(__file__).parents[2]
 SHORT = SCENARIOS["BearingsOnly"].override({"episode.steps": 24})
@@ -191,13 +192,40 @@ def test_a_damaged_file_is_named(tmp_path):
     assert len(evaluated(tmp_path).scores["circle"].end_error) == EPISODES
 
 
-def test_resampling_takes_no_more_memory_for_many_episodes():
-    """All resamples of 200 000 episodes at once would be 160 MB of indices for each hundred; 40 MB are allowed."""
-    values = np.random.default_rng(0).normal(size=200_000)
+def peak_of(work):
+    """The most memory that Python and NumPy held while some work was done, bytes."""
     tracemalloc.start()
     try:
-        Bootstrap(len(values), resamples=100).estimate(values, np.median)
+        work()
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert peak < 40e6
+    return peak
+
+
+@pytest.mark.parametrize(("statistic", "columns"), [(np.mean, 0), (np.median, 2), (root_mean_square, 2)])
+def test_resampling_takes_no_more_memory_for_many_episodes(statistic, columns):
+    """A resample of a million would be 8 MB of indices; beside columns of 8 MB each no more than 5 MB is allowed."""
+    values = np.random.default_rng(0).normal(size=1_000_000)
+    bootstrap = Bootstrap(len(values), resamples=3)
+    assert peak_of(lambda: bootstrap.estimate(values, statistic)) < columns * values.nbytes + 5e6
+
+
+def test_judging_holds_a_column_at_a_time(tmp_path, monkeypatch):
+    """Of 2 · 10 columns three at once at most, those of a difference, and 5 MB; all of them would be 53 MB."""
+    monkeypatch.setattr(results_module, "BATCH", 1 << 16)
+    monkeypatch.setattr(evaluate_module, "Bootstrap", lambda episodes: Bootstrap(episodes, resamples=3))
+    monkeypatch.setattr(statistics, "_HELD", 1)
+    episodes, rng = 400_000, np.random.default_rng(0)
+    with opened_results(tmp_path, SHORT, NAMES, POLICIES, episodes, SEED) as results:
+        for name in NAMES:
+            for first, count in results.batches:
+                columns = {field.name: rng.random(count) for field in dataclasses.fields(Scores)}
+                flags = {name: rng.random(count) < 0.5 for name in ("lost", "violated")}
+                results.keep(name, first, Scores(**columns | flags), 1e-6)
+        stored = ScoresOnDisk(results)
+        held = {name: Scores(**{each: getattr(stored[name], each) for each in columns}) for name in NAMES}
+        seconds = dict.fromkeys(NAMES, 1e-6)
+        evaluations = []
+        assert peak_of(lambda: evaluations.append(compare(SHORT, stored, seconds))) < 3 * 8 * episodes + 5e6
+    assert evaluations[0].verdicts == compare(SHORT, held, seconds).verdicts

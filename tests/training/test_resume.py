@@ -21,13 +21,13 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
+from small_trainings import SHORT, TINY, Stopped, without_clock
+
 from agents import LearnedPolicy
-from passloc_env import SCENARIOS
 from passloc_env.errors import InputError
 from training import checkpoint, cli
 from training.checkpoint import BEFORE, LATEST, Checkpoint, CheckpointError, find_checkpoint
 from training.evaluate import evaluate
-from training.hyperparameters import Hyperparameters
 from training.lock import held
 from training.run_folder import Assignment
 from training.train import resume, run
@@ -52,9 +52,6 @@ families:
 """
 """All that has a memory: mirror, rising price, several families, random draws, Adam; and what has not beside it."""
 
-SHORT = SCENARIOS["BearingsOnly"].override({"episode.steps": 40})
-TINY = Hyperparameters(decisions=1920, environments=8, rollout=16, batch_size=64, epochs=1, network=(8,), mirror=True)
-
 
 def command(*words: object) -> list[str]:
     return [sys.executable, "-m", "training.cli", "train", *map(str, words), "-q"]
@@ -62,16 +59,6 @@ def command(*words: object) -> list[str]:
 
 def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-
-
-def without_clock(folder: Path) -> tuple[bytes, list[list[str]], dict]:
-    """Weights, curve and card of a run, wall times left out."""
-    with (folder / "curve.csv").open(newline="") as file:
-        curve = [[cell for column, cell in enumerate(row) if column != 1] for row in csv.reader(file)]
-    card = json.loads((folder / "agent.json").read_text(encoding="utf-8"))
-    for name in ("seconds", "command"):
-        del card["training"][name]
-    return (folder / "agent.safetensors").read_bytes(), curve, card
 
 
 @pytest.fixture(scope="module")
@@ -126,10 +113,6 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("straight")
     run(SHORT, TINY, folder, seed=5)
     return folder
-
-
-class Stopped(Exception):
-    """The process would be gone."""
 
 
 @pytest.fixture

@@ -50,9 +50,9 @@ def trained(monkeypatch):
     found = []
     run = candidate_module.run
 
-    def counting(scenario, parameters, folder, seed, quiet):
+    def counting(scenario, parameters, folder, seed, quiet, checkpoint):
         found.append(seed)
-        return run(scenario, parameters, folder, seed, quiet)
+        return run(scenario, parameters, folder, seed, quiet, checkpoint=checkpoint)
 
     monkeypatch.setattr(candidate_module, "run", counting)
     return found

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from training.statistics import Bootstrap, Estimate, chi_square_band, rate, root_mean_square
+from training import resampling, statistics
+from training.statistics import Asked, Bootstrap, Estimate, chi_square_band, rate, root_mean_square
 
 REPETITIONS = 1000
 
@@ -65,6 +66,59 @@ def test_bootstrap_is_paired_and_repeatable():
     advantage = bootstrap.estimate((hard - 0.25) - hard)
     np.testing.assert_allclose([advantage.low, advantage.value, advantage.high], -0.25, rtol=1e-12)
     assert Bootstrap(64).estimate(hard) == one
+
+
+VALUES = {
+    "spread": lambda rng, n: rng.lognormal(0.0, 2.0, n),
+    "tied": lambda rng, n: rng.integers(3, size=n).astype(float),
+    "constant": lambda rng, n: np.full(n, 0.1),
+    "parted": lambda rng, n: np.where(rng.random(n) < 0.5, 1e150, rng.random(n)),
+    "undefined": lambda rng, n: np.where(np.arange(n) == 0, np.nan, rng.random(n)),
+}
+STATISTICS = {"mean": np.mean, "median": np.median, "rms": root_mean_square}
+
+
+@pytest.mark.parametrize("kind", VALUES)
+@pytest.mark.parametrize("episodes", [1, 129, 8192, 8193, 20_000, 20_001])
+def test_resamples_in_pieces_are_resamples_to_the_last_bit(episodes, kind, monkeypatch):
+    """Against NumPy on whole resamples; in pieces of so few values that the largest come in many, and in one piece."""
+    rng = np.random.default_rng(episodes)
+    values, resamples = VALUES[kind](rng, episodes), 30
+    drawn = values[np.random.default_rng(20_000).integers(episodes, size=(resamples, episodes))]
+    expected = [
+        Estimate(float(statistic(values, axis=0)), *map(float, np.percentile(statistic(drawn, axis=1), [2.5, 97.5])))
+        for statistic in STATISTICS.values()
+    ]
+    asked = [Asked(lambda: values, statistic) for statistic in STATISTICS.values()]
+    for piece in (128, 3000, resampling.PIECE):
+        monkeypatch.setattr(resampling, "PIECE", piece)
+        monkeypatch.setattr(statistics, "_DRAWN", min(piece, 8192))
+        found = Bootstrap(episodes, resamples).estimates(asked)
+        np.testing.assert_array_equal(
+            [list(vars(each).values()) for each in found], [list(vars(each).values()) for each in expected]
+        )
+
+
+def test_any_statistic_of_large_resamples(monkeypatch):
+    """Several columns to an episode, and one that needs the whole resample."""
+    monkeypatch.setattr(resampling, "PIECE", 1000)
+    pairs = np.random.default_rng(4).normal(size=(9000, 2))
+    drawn = pairs[np.random.default_rng(20_000).integers(9000, size=(20, 9000))]
+
+    def last(values, axis):
+        return np.percentile(values[..., 0] * values[..., 1], 99, axis=axis)
+
+    estimate = Bootstrap(9000, 20).estimate(pairs, last)
+    assert (estimate.low, estimate.high) == tuple(np.percentile(last(drawn, 1), [2.5, 97.5]))
+
+
+def test_what_cannot_be_held_at_once_is_resampled_alike(monkeypatch):
+    """Statistics that share their draws come to what they come to alone, whoever draws with them."""
+    columns = np.random.default_rng(5).normal(size=(4, 9000))
+    asked = [Asked(lambda column=column: column) for column in columns]
+    together = Bootstrap(9000, 20).estimates(asked)
+    monkeypatch.setattr(statistics, "_HELD", 1)
+    assert Bootstrap(9000, 20).estimates(asked) == together
 
 
 @pytest.mark.parametrize("episodes", [1, 2, 7])

@@ -12,6 +12,7 @@ class Alone:
     """See :class:`training.engines.interface.Engine`; what a task raises is raised as it is."""
 
     workers = 1
+    sees_files = True
 
     def map(self, function: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
         """One call after the other, each when it is asked for."""

@@ -22,6 +22,11 @@ class Engine(Protocol):
         """How many tasks are done at once."""
         ...
 
+    @property
+    def sees_files(self) -> bool:
+        """Whether tasks see the files of this machine."""
+        ...
+
     def map(self, function: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
         """Call a function once for each task; each task's number and result, in the order in which they are done.
 

@@ -31,6 +31,8 @@ class Local:
         workers: how many processes.
     """
 
+    sees_files = True
+
     def __init__(self, workers: int) -> None:
         self.workers = workers
         self._hands: list[_Hand] = []

@@ -27,6 +27,8 @@ class Ray:
         InputError: there is no cluster at the address.
     """
 
+    sees_files = False
+
     def __init__(self, workers: int | None = None, address: str = "") -> None:
         quiet = {"log_to_driver": False, "logging_level": "error"}
         try:
