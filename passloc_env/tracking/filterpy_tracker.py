@@ -19,16 +19,14 @@ from passloc_env.tracking.gating import gate_of, gate_probability
 from passloc_env.tracking.tracker import Models, Track, Tracker
 from passloc_env.tracking.unscented import check_spread
 
-_UNUSED = 1e12
-"""Factor on the variance of a scalar that is not used, for filters that take a measurement whole or not at all."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class FilterPyTracker(Tracker):
     """A FilterPy filter per environment; FilterPy is imported when the tracker is built.
 
     Angles need no special functions in the filter: measurement and measurement function are unwrapped around the
-    predicted measurement before the filter sees them. To use another filter, derive a component and override
+    predicted measurement before the filter sees them. What is not used of a measurement is to the filter what it
+    expects of every state, and so tells it nothing. To use another filter, derive a component and override
     :meth:`create`; it must have ``x``, ``P``, ``Q``, ``predict()`` and ``update(z, R=…)``, and for a gate the
     innovation ``y`` and its covariance ``S`` of the last update too: an update with what they show to be too unlikely
     is taken back and made again without.
@@ -112,6 +110,7 @@ class FilterPyTrack(Track):
         self._time: Array = np.zeros(environments)
         self._poses: list[Pose] = []
         self._reference: Array = np.zeros((models.suite.size, environments))
+        self._used: BoolArray = np.ones((models.suite.size, environments), bool)
         self._filters = [self._create(column) for column in range(environments)]
         self.gate = gate_of(tracker.gate, models.suite)
         if self.gate is not None and not all(map(_says_what_it_expects, self._filters)):
@@ -164,12 +163,12 @@ class FilterPyTrack(Track):
         self._absorb(refused, unwrapped, used)
 
     def _absorb(self, columns: IntArray, unwrapped: Array, used: BoolArray | None) -> None:
-        """``filter.update(z)`` in some environments, with what is ``used (m, N)`` of the measurement; None means all."""
+        """``filter.update(z)`` in some environments, with what is ``used (m, N)`` of it; None means all."""
+        self._used = np.ones_like(unwrapped, bool) if used is None else used
+        heard = np.where(self._used, unwrapped, self._reference)
         for column in columns:
             filter_, noise = self._filters[column], _of(self.models.suite.noise_covariance, column)
-            if used is not None:
-                noise = noise + np.diag(np.where(used[:, column], 0.0, _UNUSED * np.diag(noise)))
-            self._attempt(column, filter_, functools.partial(filter_.update, unwrapped[:, column], R=noise))
+            self._attempt(column, filter_, functools.partial(filter_.update, heard[:, column], R=noise))
             self._judge(column, filter_)
 
     def _innovations(self) -> tuple[Array, Array]:
@@ -211,10 +210,12 @@ class FilterPyTrack(Track):
 
     def _measured(self, x: Array, column: int) -> Array:
         predicted = self.models.suite.measure(self._scene(self._everywhere(x)))
-        return (self._reference + self.models.suite.difference(predicted, self._reference))[:, column]
+        unwrapped = self._reference + self.models.suite.difference(predicted, self._reference)
+        return np.where(self._used, unwrapped, self._reference)[:, column]
 
     def _jacobian(self, x: Array, column: int) -> Array:
-        return self.models.suite.jacobian(self._scene(self._everywhere(x)))[..., column]
+        rows = self.models.suite.jacobian(self._scene(self._everywhere(x)))
+        return np.where(self._used[:, None], rows, 0.0)[..., column]
 
 
 def _says_what_it_expects(filter_: Any) -> bool:

@@ -238,7 +238,7 @@ class InteractingTrack(MixtureTrack):
         self.weigh(likelihood)
 
     def _admitted(self, innovations: list[Innovation], detected: BoolArray | None) -> BoolArray | None:
-        """Which scalars all crews are to use ``(m, N)``, None for all: of those detected, what any member's gate lets in."""
+        """Which scalars all are to use ``(m, N)``, None for all: of those detected, what any member's gate lets in."""
         if self.gate is None:
             return detected
         passed = [self.gate.passed(each.value, each.covariance, self.models.suite) for each in innovations]
