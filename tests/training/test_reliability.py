@@ -107,6 +107,8 @@ def test_legs_are_of_every_kind() -> None:
     assert {leg.scenario.name for leg in legs} == set(SCENARIOS)
     assert len({type(leg.scenario.tracker).__name__ for leg in legs}) == 8
     assert {getattr(leg.scenario.tracker, "gate", None) for leg in legs} == {None, 0.0, 0.9, 0.99, 0.999}
+    gating = {type(leg.scenario.tracker).__name__ for leg in legs if getattr(leg.scenario.tracker, "gate", 0.0)}
+    assert {"InteractingModels", "FilterPyTracker"} < gating
     assert {leg.mode for leg in legs} == {"NextStep", "SameStep"}
     assert 0.3 < np.mean([leg.scenario.sensors[0].faults.outlying for leg in legs]) < 0.7
     sizes = [leg.environments for leg in legs]
