@@ -113,7 +113,7 @@ class SensorSuite:
             return self._noise_root
         missing = ~detected
         covariance = np.where(missing[:, None] | missing[None], 0.0, self.noise_covariance)
-        diagonal(covariance)[missing] = 1.0
+        diagonal(covariance)[...] = np.where(missing, 1.0, diagonal(covariance))
         return cholesky(covariance).lower
 
     def difference(self, left: Array, right: Array) -> Array:

@@ -107,10 +107,9 @@ class Candidate:
 
         Scenarios are compared by what they mean: in a file older than one of its fields that has its default.
         """
+        wanted = json.loads(json.dumps(dataclasses.asdict(self.parameters)))
         same = scenario == self.scenario.override(self.parameters.overrides) and seed == self.seed
-        if not same or json.loads(json.dumps(parameters)) != json.loads(
-            json.dumps(dataclasses.asdict(self.parameters))
-        ):
+        if not same or json.loads(json.dumps(parameters)) != wanted:
             raise InputError(f"{folder} holds an agent trained otherwise: name another folder with --out")
 
     @property

@@ -19,7 +19,7 @@ import numpy as np
 
 from passloc_env.arrays import Array, BoolArray
 from passloc_env.fields import quantity
-from passloc_env.linalg import cholesky_above, solve_lower, tree_sum
+from passloc_env.linalg import cholesky_above, solve_lower, spaced, tree_sum
 from passloc_env.sensor_suite import SensorSuite
 
 
@@ -41,13 +41,14 @@ class Gate:
         self._thresholds = [chi_square_quantile(probability, sensor.size) for sensor in suite.sensors]
 
     def passed(self, innovation: Array, covariance: Array, suite: SensorSuite) -> BoolArray:
-        """Which innovations ``(m, N)`` with covariance ``(m, m, N)`` are likely enough, sensor by sensor ``(m, N)``.
+        """Which innovations ``(m, …, N)`` are likely enough for their covariance ``(m, m, …, N)``, sensor by sensor.
 
         What is not a finite number passes: that the filter is broken must not stay hidden.
         """
         passed = np.ones_like(innovation, bool)
+        floors = spaced(suite.noise_pivots, innovation.ndim)
         for rows, threshold in zip(suite.rows, self._thresholds, strict=True):
-            lower = cholesky_above(covariance[rows, rows].copy(), suite.noise_pivots[rows])
+            lower = cholesky_above(covariance[rows, rows].copy(), floors[rows])
             whitened = solve_lower(lower, innovation[rows, None].copy())[:, 0]
             surprise = tree_sum(whitened * whitened)
             passed[rows] = ~((surprise > threshold) & np.isfinite(surprise))

@@ -8,6 +8,14 @@ mixture of all beliefs, weighed by how likely the switch was, so that one that w
 
 then predicts and corrects by its own motion, and ``μ_j ∝ c_j L_j`` (Blom & Bar-Shalom, IEEE Trans. AC 33(8), 1988;
 Bar-Shalom, Li & Kirubarajan, *Estimation with Applications*, 11.6.6).
+
+The likelihoods can be compared only where all filters have used the same measurements, so there is one gate for all:
+the union of theirs. It is open to whatever any motion foretells, however unlikely that motion is yet; for when the
+emitter begins to turn, the turn is believed only after measurements that no other motion explains. Bar-Shalom, Willett
+& Tian, *Tracking and Data Fusion*, take the gate of the filter whose innovation has the largest covariance, which is
+the union where the filters expect the same measurement and their covariances are nested. The gate of the mixture, which
+a bank has, would shut on a manoeuvre: on BearingDoppler one of 99 % loses 0.6 % of the tracks when nothing fails, where
+the union and no gate lose 0.1 %.
 """
 
 from __future__ import annotations
@@ -25,10 +33,11 @@ from passloc_env.motion import ConstantAcceleration, ConstantVelocity, Motion, U
 from passloc_env.nuisance import Nuisance, distinct
 from passloc_env.platforms import Pose
 from passloc_env.sensors import Sensor
-from passloc_env.tracking.correction import log_likelihood
+from passloc_env.tracking.correction import correct, log_likelihood
+from passloc_env.tracking.gating import gate_of, gate_probability
 from passloc_env.tracking.mixture import Members, MixtureTrack, moments
 from passloc_env.tracking.tracker import Models, Tracker
-from passloc_env.tracking.unscented import UnscentedTransform
+from passloc_env.tracking.unscented import Innovation, UnscentedTransform
 
 
 class SwitchingMotion(Motion):
@@ -59,6 +68,9 @@ class InteractingModels(Tracker):
     no such state, its belief about it is the prior's spread around zero (Granström, Willett & Bar-Shalom, *Systematic
     approach to IMM mixing for unequal dimension states*, IEEE Trans. AES 51(4), 2015): that is what the others mix in
     when the emitter switches, so that an acceleration just begun may be large.
+
+    A measurement passes the gate where that of any motion lets it in: more often than ``gate`` says, the more the wider
+    the widest motion.
     """
 
     motions: tuple[Motion, ...] = parts(
@@ -75,6 +87,7 @@ class InteractingModels(Tracker):
     alpha: float = quantity("spread of the sigma points", 1.0, above=0, plain=True)
     beta: float = quantity("weight of the centre in the covariance; 2 suits a Gaussian", 2.0, plain=True)
     kappa: float = quantity("secondary spread", 0.0, plain=True)
+    gate: float = gate_probability()
 
     def validate(self) -> None:
         """What only the truth can know is no model."""
@@ -143,6 +156,7 @@ class InteractingTrack(MixtureTrack):
     def __init__(self, tracker: InteractingModels, models: Models, environments: int) -> None:
         super().__init__(models, environments, len(tracker.motions))
         self._tracker = tracker
+        self.gate = gate_of(tracker.gate, models.suite)
         for member, own in enumerate(models.members):
             self.rows[member] = _rows(own.layout, models.layout)
         self._crews = self._muster()
@@ -204,7 +218,8 @@ class InteractingTrack(MixtureTrack):
     def _mixed(self, crew: Crew, given: Array) -> Members:
         """What a crew's members start from, ``given (M, M, N)`` how likely each motion was before each."""
         mean, covariance = self.members.mean[crew.rows], self.members.covariance[np.ix_(crew.rows, crew.rows)]
-        own = Members.blank(len(crew.rows), len(crew.members), given.shape[-1])
+        states, size = len(crew.rows), (len(crew.members), given.shape[-1])
+        own = Members.of(blank(mean, (states, *size)), blank(mean, (states, states, *size)))
         for index, member in enumerate(crew.members):
             own.mean[:, index], own.covariance[:, :, index] = moments(given[:, member], mean, covariance)
         return own
@@ -212,12 +227,24 @@ class InteractingTrack(MixtureTrack):
     def update(self, measurement: Array, poses: list[Pose], detected: BoolArray | None = None) -> None:
         """Every member's correction, and how likely its motion is now."""
         likelihood = blank(self.weights, self.weights.shape)
-        for crew in self._crews:
-            own, models = crew.take(self.members), self.models.members[crew.members[0]]
-            lower = crew.transform.update(own, models, measurement, poses, detected)
+        beliefs = [crew.take(self.members) for crew in self._crews]
+        innovations = [
+            crew.transform.innovation(own, self.models.members[crew.members[0]], measurement, poses)
+            for crew, own in zip(self._crews, beliefs, strict=True)
+        ]
+        used = self._admitted(innovations, detected)
+        for crew, own, innovation in zip(self._crews, beliefs, innovations, strict=True):
+            lower = correct(own, *innovation, self.models.suite.noise_pivots, used)
             likelihood[crew.members] = log_likelihood(own, lower)
             crew.give(own, self.members)
         self.weigh(likelihood)
+
+    def _admitted(self, innovations: list[Innovation], detected: BoolArray | None) -> BoolArray | None:
+        """Which scalars all are to use ``(m, N)``, None for all: of those detected, what any member's gate lets in."""
+        if self.gate is None:
+            return detected
+        passed = [self.gate.passed(each.value, each.covariance, self.models.suite) for each in innovations]
+        return self.sift(np.logical_or.reduce(np.concatenate(passed, axis=1), axis=1), detected)
 
 
 def _rows(layout: StateLayout, whole: StateLayout) -> IntArray:

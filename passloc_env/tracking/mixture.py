@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passloc_env.arrays import Array, BoolArray, IntArray, lasting
+from passloc_env.arrays import Array, BoolArray, IntArray, lasting, zeros
 from passloc_env.linalg import tree_sum
 from passloc_env.tracking.tracker import Models, Track
 
@@ -46,7 +46,7 @@ class Members:
     @classmethod
     def of(cls, mean: Array, covariance: Array) -> Members:
         """Members with these moments, kept as they are, that have not met a measurement yet."""
-        return cls(mean, covariance, np.zeros(mean.shape[1:]), np.zeros(mean.shape[1:], np.int64))
+        return cls(mean, covariance, zeros(mean, mean.shape[1:]), np.zeros(mean.shape[1:], np.int64))
 
     def only(self, member: int) -> Members:
         """One member's belief ``(n, N)``, live."""
@@ -101,12 +101,6 @@ class MixtureTrack(Track):
     def combine(self) -> None:
         """Let mean and covariance be those of the mixture."""
         self.mean[...], self.covariance[...] = moments(self.weights, self.members.mean, self.members.covariance)
-
-    def admit(self, innovation: Array, covariance: Array, detected: BoolArray | None) -> BoolArray | None:
-        """The same for the members' innovations ``(m, M, N)``, taken together: all use it or none."""
-        if self.gate is None:
-            return detected
-        return super().admit(*moments(self.weights, innovation, covariance), detected)
 
     def weigh(self, log_likelihood: Array) -> None:
         """Bayes' rule for the weights, from what the innovations say ``(M, N)``; then :meth:`combine`."""

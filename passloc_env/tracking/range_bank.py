@@ -82,6 +82,12 @@ class RangeBankTrack(MixtureTrack):
         lower = self._transform.update(self.members, self.models, measurement, poses, detected, self.admit)
         self.weigh(log_likelihood(self.members, lower))
 
+    def admit(self, innovation: Array, covariance: Array, detected: BoolArray | None) -> BoolArray | None:
+        """The same for the members' innovations ``(m, M, N)``, taken together: all use it or none."""
+        if self.gate is None:
+            return detected
+        return super().admit(*moments(self.weights, innovation, covariance), detected)
+
     def _split(self, mean: Array, covariance: Array, away: Array) -> tuple[Array, Array, Array]:
         """Weights ``(M, k)``, means ``(n, M, k)`` and covariances ``(n, n, M, k)`` of the members.
 

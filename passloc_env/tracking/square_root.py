@@ -145,7 +145,7 @@ class SquareRootTrack(Track):
             covariance = self._transform.moment(deviations, shift) + self.models.suite.noise_covariance
             used = self.admit(differences[:, 0] - shift, covariance, detected)
         if used is not None:
-            differences[np.broadcast_to(~used[:, None], differences.shape)] = 0.0
+            differences[...] = np.where(used[:, None], differences, 0.0)
         return used
 
     def _unexplained(self, noise_root: Array, bends: Array, shift: Array) -> Array:

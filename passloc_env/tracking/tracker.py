@@ -103,7 +103,10 @@ class Track:
         """
         if self.gate is None:
             return detected
-        passed = self.gate.passed(innovation, covariance, self.models.suite)
+        return self.sift(self.gate.passed(innovation, covariance, self.models.suite), detected)
+
+    def sift(self, passed: BoolArray, detected: BoolArray | None) -> BoolArray:
+        """What of the detected has passed the gate ``(m, N)``; the sensors refused are counted."""
         refused = ~passed if detected is None else detected & ~passed
         for rows in self.models.suite.rows:
             self.gated += np.where(refused[rows.start], 1, 0)

@@ -15,6 +15,7 @@ which equals the textbook form (Wan & van der Merwe 2000) because the offsets ``
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,23 @@ from passloc_env.tracking.tracker import Models
 
 Admission = Callable[[Array, Array, BoolArray | None], BoolArray | None]
 """Which scalars are to be used, of innovations, their covariance and what was detected; see :meth:`Track.admit`."""
+
+
+class Innovation(NamedTuple):
+    """What a measurement differs by from what was expected of it, as :func:`correct` takes it.
+
+    Attributes:
+        right: ``[Pxzᵀ | y]``, the cross covariance ``(m, n, …, N)`` and behind it the innovation itself.
+        covariance: ``S (m, m, …, N)``.
+    """
+
+    right: Array
+    covariance: Array
+
+    @property
+    def value(self) -> Array:
+        """``y (m, …, N)``, a view."""
+        return self.right[:, -1]
 
 
 def check_spread(alpha: float, kappa: float, states: int) -> float:
@@ -77,13 +95,19 @@ class UnscentedTransform:
         measurement: Array,
         poses: list[Pose],
         detected: BoolArray | None,
-        admit: Admission | None = None,
+        admit: Admission,
     ) -> Array:
         """Absorb a measurement ``(m, N)`` by the equations of the module's head, or what is admitted of it.
 
         Returns:
             The Cholesky factor of the innovation covariance, see :func:`~passloc_env.tracking.correction.correct`.
         """
+        innovation = self.innovation(belief, models, measurement, poses)
+        used = admit(innovation.value, innovation.covariance, detected)
+        return correct(belief, *innovation, models.suite.noise_pivots, used)
+
+    def innovation(self, belief: Gaussian, models: Models, measurement: Array, poses: list[Pose]) -> Innovation:
+        """What a measurement ``(m, N)`` says that was not expected; repairs covariances that rounding has spoilt."""
         suite, n = models.suite, len(belief.mean)
         offsets = self._offsets(belief)
         predicted = suite.measure(Scene(sigma_points(belief.mean, offsets), models.layout, poses))
@@ -94,15 +118,13 @@ class UnscentedTransform:
         deviations = transpose(predicted[:, 1:])
         shift = self._weight * tree_sum(deviations.copy())
         noise = spaced(suite.noise_covariance, belief.covariance.ndim)
-        innovation_covariance = self.moment(deviations, shift) + noise
+        covariance = self.moment(deviations, shift) + noise
 
         right = blank(belief.mean, (suite.size, n + 1, *belief.mean.shape[1:]))
-        cross, innovation = right[:, :n], right[:, n]
         slopes = deviations[:n] - deviations[n:]
-        np.multiply(tree_sum(slopes[:, :, None] * transpose(offsets)[:, None]), self._weight, out=cross)
-        np.subtract(predicted[:, 0], shift, out=innovation)
-        used = detected if admit is None else admit(innovation, innovation_covariance, detected)
-        return correct(belief, right, innovation_covariance, suite.noise_pivots, used)
+        np.multiply(tree_sum(slopes[:, :, None] * transpose(offsets)[:, None]), self._weight, out=right[:, :n])
+        np.subtract(predicted[:, 0], shift, out=right[:, n])
+        return Innovation(right, covariance)
 
     def _offsets(self, belief: Gaussian) -> Array:
         """Columns ``√(n+λ) L (n, n, …, N)``; repairs covariances that rounding has spoilt."""

@@ -81,6 +81,20 @@ def test_missed_detections(environments: int) -> None:
     assert simulations[0].flight is not None
 
 
+@pytest.mark.parametrize("gate", [0.0, 0.8])
+@pytest.mark.parametrize("environments", [1, 4])
+@pytest.mark.parametrize("tracker", ["SquareRootKalman", "RangeBank", "InteractingModels"])
+def test_trackers_that_miss_and_refuse(tracker: str, environments: int, gate: float) -> None:
+    """The models hold different states; bearings and Dopplers go missing one by one."""
+    changes = {"tracker": {"type": tracker, "gate": gate}, "episode.early_end": False}
+    missing = {f"sensors.{index}.detection_probability": 0.7 for index in range(2)}
+    simulations = pair(SCENARIOS["BearingDopplerUnknownCarrier"].override(changes | missing), environments)
+    fly(simulations, 10)
+    assert simulations[0].flight is not None
+    assert simulations[0].flight.repeated == 0
+    assert (simulations[0].track.gated > 0).all() == bool(gate)
+
+
 RANDOM = {"type": "Uniform", "low": 0.01, "high": 0.1}
 """Numbers that the matrices of tracker, bound and noise are made of, drawn anew at every reset."""
 

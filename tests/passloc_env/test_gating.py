@@ -1,5 +1,7 @@
 """A gate keeps out the share that theory says, outliers above all, and nothing else changes.
 
+What becomes of several models is held against a plain loop in test_multi_model.py.
+
 Seeds are fixed; each statistical test would have failed by chance with a probability of 1e-3 when they were chosen.
 """
 
@@ -10,16 +12,36 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from passloc_env.component import Component, concrete, specs
 from passloc_env.faults import SOUND
+from passloc_env.platforms import Pose
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import SCENARIOS
 from passloc_env.sensor_suite import SensorSuite
 from passloc_env.sensors import Bearing, Sensor
+from passloc_env.sightline import Scene
 from passloc_env.simulation import Simulation
+from passloc_env.tracking import Tracker
 from passloc_env.tracking.gating import Gate, chi_square_distribution, chi_square_quantile
 
 FALSE_ALARM = 1e-3
-GATED = ["UnscentedKalman", "ExtendedKalman", "SquareRootKalman", "RangeBank"]
+STILL = {"type": "ConstantVelocity"}
+GATED: dict[str, dict[str, Any]] = {
+    "UnscentedKalman": {"motion": STILL},
+    "ExtendedKalman": {"motion": STILL},
+    "SquareRootKalman": {"motion": STILL},
+    "CrossingKalman": {"motion": STILL},
+    "RangeBank": {"motion": STILL},
+    "InteractingModels": {"motions": [STILL, STILL]},
+    "FilterPyTracker": {"motion": STILL},
+}
+"""The trackers that gate, and what makes each of them move as the emitter does."""
+
+BY_METHODS_ALONE = {"FilterPyTracker"}
+"""What is no straight-line code."""
+
+SLOW = {"FilterPyTracker": 4}
+"""How many times fewer environments a tracker is given: one filter after the other."""
 
 Begin = Callable[..., Simulation]
 
@@ -27,7 +49,7 @@ Begin = Callable[..., Simulation]
 def gated(gate: float, tracker: str = "UnscentedKalman", faults: Any = SOUND, **fields_of_tracker: Any) -> Scenario:
     """A prior so narrow that bearings are all but linear, and a tracker that moves as the emitter does."""
     changes = {
-        "tracker": {"type": tracker, "motion": {"type": "ConstantVelocity"}, "gate": gate, **fields_of_tracker},
+        "tracker": {"type": tracker, **GATED[tracker], "gate": gate, **fields_of_tracker},
         "sensors.0.faults": faults,
         "prior": {"type": "StatePrior", "position_sigma": 100.0, "velocity_sigma": 1.0},
         "episode.early_end": False,
@@ -44,13 +66,85 @@ def test_quantiles_are_those_of_scipy(probability: float, degrees: int) -> None:
     assert chi_square_distribution(quantile, degrees) == pytest.approx(probability, rel=1e-10)
 
 
+def test_every_tracker_that_gates_is_tested_here() -> None:
+    """Of our own; other tests make further ones."""
+    kinds = [Component.registry[name] for name in concrete(Tracker)]
+    ours = [kind for kind in kinds if kind.__module__.startswith("passloc_env.")]
+    assert {kind.__name__ for kind in ours if "gate" in specs(kind)} == GATED.keys()
+
+
+def test_a_tracker_that_cannot_gate_takes_none(refusal: Callable[..., Any]) -> None:
+    error = refusal(SCENARIOS["CrossFix"].override, {"tracker.gate": 0.99})
+    assert error.field == "tracker.gate"
+    assert "no such field of RecursiveCrossFix" in error.allowed
+
+
 @pytest.mark.parametrize("gate", [0.5, 0.9, 0.99])
 @pytest.mark.parametrize("tracker", GATED)
 def test_the_share_gated_is_what_theory_says(tracker: str, gate: float, begin: Begin) -> None:
     """At the first measurement, before the gate itself has changed what is left: a binomial share of 1 − P."""
-    simulation = begin(gated(gate, tracker), 4000)
-    simulation.step(np.zeros((1, 4000)))
-    assert stats.binomtest(int(simulation.track.gated.sum()), 4000, 1.0 - gate).pvalue > FALSE_ALARM
+    size = 4000 // SLOW.get(tracker, 1)
+    simulation = begin(gated(gate, tracker), size)
+    simulation.step(np.zeros((1, size)))
+    assert stats.binomtest(int(simulation.track.gated.sum()), size, 1.0 - gate).pvalue > FALSE_ALARM
+
+
+@pytest.mark.parametrize("gate", [0.5, 0.9])
+def test_several_models_gate_by_the_widest(gate: float, begin: Begin) -> None:
+    """One model is right, the other expects S' instead of S: ``2Φ(√(χ² S'/S)) − 1`` passes, environment by environment.
+
+    Both expect the same bearing, so the wider gate is the union.
+    """
+    size, wide = 4000, {"type": "ConstantVelocity", "acceleration_noise": 300.0}
+    simulation = begin(gated(gate, "InteractingModels", motions=[STILL, wide]), size)
+    simulation.straight, track, ratio = False, simulation.track, []
+    update, suite = track.update, track.models.suite
+
+    def watched(measurement: np.ndarray, poses: list[Pose], detected: np.ndarray | None) -> None:
+        means, covariances = track.components["means"], track.components["covariances"]
+        slopes = suite.jacobian(Scene(means[:, 0], track.models.layout, poses))[0]
+        right, other = np.einsum("an,abjn,bn->jn", slopes, covariances, slopes) + suite.noise_covariance[0]
+        ratio.append(other / right)
+        update(measurement, poses, detected)
+
+    track.update = watched
+    simulation.step(np.zeros((1, size)))
+    assert 1.5 < np.median(ratio[0]) < 3.0
+    passing = 2.0 * stats.norm.cdf(np.sqrt(stats.chi2.ppf(gate, 1) * ratio[0])) - 1.0
+    deviation = (track.gated.sum() - np.sum(1.0 - passing)) / np.sqrt(np.sum(passing * (1.0 - passing)))
+    assert 2.0 * stats.norm.sf(np.abs(deviation)) > FALSE_ALARM
+
+
+@pytest.mark.parametrize("tracker", GATED)
+def test_a_gate_that_refuses_nothing_changes_nothing(tracker: str, begin: Begin) -> None:
+    """To the last bit."""
+    alone, watched = (begin(gated(gate, tracker), 5) for gate in (0.0, 1.0 - 1e-15))
+    for _ in range(10):
+        for simulation in (alone, watched):
+            simulation.step(np.full((1, 5), 0.5))
+    assert not watched.track.gated.any()
+    for name, values in alone.track.state_arrays().items():
+        np.testing.assert_array_equal(watched.track.state_arrays()[name], values)
+
+
+@pytest.mark.parametrize("tracker", GATED)
+def test_no_gate_depends_on_the_batch(tracker: str, begin: Begin) -> None:
+    """Flown together, flown alone, and done by the methods of simulation and track: the same to the last bit."""
+    faults = {"outlier_probability": 0.3, "outlier_scale": 10.0}
+    scenario = gated(0.8, tracker, faults=faults).override({"sensors.0.detection_probability": 0.7})
+    whole = begin(scenario, 6)
+    by_methods = Simulation(scenario, 6, straight=False)
+    by_methods.reset(np.arange(6), [np.random.default_rng(column) for column in range(6)])
+    singles = [begin(scenario, 1, column) for column in range(6)]
+    for _ in range(15):
+        for simulation in (whole, by_methods, *singles):
+            simulation.step(np.full((1, simulation.environments), 0.5))
+    assert whole.track.gated.sum() > 6
+    assert (whole.flight is not None) == (tracker not in BY_METHODS_ALONE)
+    for name, values in whole.track.state_arrays().items():
+        np.testing.assert_array_equal(by_methods.track.state_arrays()[name], values)
+        alone = np.concatenate([single.track.state_arrays()[name] for single in singles], axis=-1)
+        np.testing.assert_array_equal(alone, values)
 
 
 def test_it_stays_so_for_a_whole_episode(begin: Begin) -> None:
@@ -65,11 +159,12 @@ def test_it_stays_so_for_a_whole_episode(begin: Begin) -> None:
 def test_outliers_are_thrown_out(tracker: str, begin: Begin) -> None:
     """Of errors a hundred times as wide all but 2.1 % lie beyond a gate of 99 %, and of the others 1 %."""
     faults = {"outlier_probability": 0.1, "outlier_scale": 100.0}
-    simulation = begin(gated(0.99, tracker, faults=faults), 1000)
+    size = 1000 // SLOW.get(tracker, 1)
+    simulation = begin(gated(0.99, tracker, faults=faults), size)
     before = simulation.track.gated.copy()
     counts = np.zeros((2, 2))
     for _ in range(10):
-        simulation.step(np.zeros((1, 1000)))
+        simulation.step(np.zeros((1, size)))
         width = simulation.models.suite.inflation(simulation.noise_at().fault)
         assert width is not None
         refused = (simulation.track.gated - before) > 0
@@ -98,19 +193,29 @@ def test_what_is_gated_is_as_good_as_not_detected(tracker: str, begin: Begin) ->
     np.testing.assert_array_equal(simulation.track.mean, deaf.track.mean)
     np.testing.assert_array_equal(simulation.track.covariance, deaf.track.covariance)
     np.testing.assert_array_equal(simulation.track.nis, deaf.track.nis)
-    assert (simulation.track.nis[refused] == 0.0).all()
+    # FilterPy's mean of what is the same everywhere is rounded.
+    assert (simulation.track.nis[refused] < 1e-20).all()
 
 
 def test_the_filters_gate_alike(begin: Begin) -> None:
-    """The square-root filter is the unscented one in another form, and so is a bank of one member."""
-    plain, root = (begin(gated(0.8, tracker), 200) for tracker in ("UnscentedKalman", "SquareRootKalman"))
-    bank = begin(gated(0.8, "RangeBank", members=1), 200)
+    """The unscented filter in another form or another's hands, a bank of one member, and models that are the same."""
+    plain, *others = (
+        begin(gated(0.8, tracker, **fields), 100)
+        for tracker, fields in (
+            ("UnscentedKalman", {}),
+            ("SquareRootKalman", {}),
+            ("RangeBank", {"members": 1}),
+            ("InteractingModels", {}),
+            ("FilterPyTracker", {}),
+        )
+    )
     for _ in range(20):
-        for simulation in (plain, root, bank):
-            simulation.step(np.full((1, 200), 0.5))
-    np.testing.assert_array_equal(root.track.gated, plain.track.gated)
-    np.testing.assert_array_equal(bank.track.gated, plain.track.gated)
-    np.testing.assert_allclose(root.track.mean, plain.track.mean, rtol=1e-6)
+        for simulation in (plain, *others):
+            simulation.step(np.full((1, 100), 0.5))
+    assert plain.track.gated.sum() > 200
+    for simulation in others:
+        np.testing.assert_array_equal(simulation.track.gated, plain.track.gated)
+        np.testing.assert_allclose(simulation.track.mean, plain.track.mean, rtol=1e-6)
 
 
 def test_sensors_are_judged_one_by_one(begin: Begin) -> None:

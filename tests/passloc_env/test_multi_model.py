@@ -120,20 +120,30 @@ class PlainFilter:
         outers = [np.outer(p - self.x, p - self.x) for p in moved]
         self.P = 2.0 * outers[0] + weight * sum(outers[1:]) + self.dynamics.process_noise[..., 0]
 
-    def update(self, z: np.ndarray, own: tuple[np.ndarray, np.ndarray]) -> float:
-        """Correct; the log-likelihood."""
+    def expect(self, z: np.ndarray, own: tuple[np.ndarray, np.ndarray]) -> None:
+        """Innovation, its covariance and that with the state."""
         points, weight = self.points(), 0.5 / len(self.x)
         seen = np.array([heard(p, own, p[-1] if self.doppler else None) for p in points])
         seen[:, 0] = seen[0, 0] + wrap(seen[:, 0] - seen[0, 0])
         expected = weight * seen[1:].sum(axis=0)
         weights = np.array([2.0, *np.full(len(points) - 1, weight)])
-        S = sum(w * np.outer(s - expected, s - expected) for w, s in zip(weights, seen, strict=True)) + self.R
-        C = sum(w * np.outer(p - self.x, s - expected) for w, p, s in zip(weights, points, seen, strict=True))
-        innovation = z - expected
-        innovation[0] = wrap(innovation[0])
-        K = C @ np.linalg.inv(S)
-        self.x, self.P = self.x + K @ innovation, self.P - K @ S @ K.T
-        return float(stats.multivariate_normal(cov=S).logpdf(innovation))
+        self.S = sum(w * np.outer(s - expected, s - expected) for w, s in zip(weights, seen, strict=True)) + self.R
+        self.C = sum(w * np.outer(p - self.x, s - expected) for w, p, s in zip(weights, points, seen, strict=True))
+        self.y = z - expected
+        self.y[0] = wrap(self.y[0])
+
+    def near(self, gate: float) -> np.ndarray:
+        """Which scalars, each a sensor, lie within a gate of its own."""
+        return self.y**2 <= stats.chi2.ppf(gate, 1) * np.diag(self.S)
+
+    def correct(self, used: np.ndarray) -> float:
+        """Correct by some scalars; the log-likelihood."""
+        if not used.any():
+            return 0.0
+        y, S = self.y[used], self.S[np.ix_(used, used)]
+        K = self.C[:, used] @ np.linalg.inv(S)
+        self.x, self.P = self.x + K @ y, self.P - K @ S @ K.T
+        return float(stats.multivariate_normal(cov=S).logpdf(y))
 
 
 def mixed(weights: np.ndarray, beliefs: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
@@ -171,7 +181,8 @@ def test_bank_is_the_plain_loop(motion: Motion, sensors: tuple[Sensor, ...]) -> 
     for step, z in enumerate(measurements(sensors), 1):
         for each in filters:
             each.predict()
-        likelihood = np.exp([each.update(z, own_ship(step)) for each in filters])
+            each.expect(z, own_ship(step))
+        likelihood = np.exp([each.correct(np.ones(len(z), bool)) for each in filters])
         weights = weights * likelihood / (weights @ likelihood)
         feed(track, z, step)
         np.testing.assert_allclose(parts["weights"][:, 0], weights, atol=1e-9)
@@ -180,6 +191,7 @@ def test_bank_is_the_plain_loop(motion: Motion, sensors: tuple[Sensor, ...]) -> 
     assert np.abs(weights - cut).max() > 0.05
 
 
+@pytest.mark.parametrize("gate", [0.0, 0.7], ids=["", "gated"])
 @pytest.mark.parametrize("sensors", [(BEARING,), (BEARING, OFFSET)], ids=["bearing", "and Doppler"])
 @pytest.mark.parametrize(
     "motions",
@@ -187,11 +199,14 @@ def test_bank_is_the_plain_loop(motion: Motion, sensors: tuple[Sensor, ...]) -> 
     ids=["three kinds", "turn first", "two alike"],
 )
 def test_models_of_different_states_are_the_plain_loop(
-    motions: tuple[Motion, ...], sensors: tuple[Sensor, ...]
+    motions: tuple[Motion, ...], sensors: tuple[Sensor, ...], gate: float
 ) -> None:
-    """Mixing in the union of the states, where a missing one is the prior's spread around zero."""
+    """Mixing in the union of the states, where a missing one is the prior's spread around zero.
+
+    Gated, all use what lies within the gate of any: chi-square quantiles are SciPy's.
+    """
     sojourn, number = 30.0, len(motions)
-    track = build(InteractingModels(motions=motions, sojourn=sojourn), sensors)
+    track = build(InteractingModels(motions=motions, sojourn=sojourn, gate=gate), sensors)
     x, P = begin(track)
     names = track.models.layout.names
     filters, rows = [], []
@@ -210,21 +225,27 @@ def test_models_of_different_states_are_the_plain_loop(
     stay = math.exp(-PERIOD / sojourn)
     transition = np.full((number, number), (1.0 - stay) / (number - 1))
     np.fill_diagonal(transition, stay)
-    modes = np.full(number, 1.0 / number)
+    modes, refused, disputed = np.full(number, 1.0 / number), 0, 0
     for step, z in enumerate(measurements(sensors), 1):
         expected = modes @ transition
         starts = [
             mixed(transition[:, j] * modes / expected[j], list(map(widened, range(number)))) for j in range(number)
         ]
-        likelihood = np.zeros(number)
         for j, (mean, covariance) in enumerate(starts):
             filters[j].x, filters[j].P = mean[rows[j]], covariance[np.ix_(rows[j], rows[j])]
             filters[j].predict()
-            likelihood[j] = math.exp(filters[j].update(z, own_ship(step)))
+            filters[j].expect(z, own_ship(step))
+        near = [each.near(gate) if gate else np.ones(len(z), bool) for each in filters]
+        used = np.any(near, axis=0)
+        refused += np.sum(~used)
+        disputed += np.sum(used & ~np.all(near, axis=0))
+        likelihood = np.exp([each.correct(used) for each in filters])
         modes = expected * likelihood / (expected @ likelihood)
         feed(track, z, step)
         np.testing.assert_allclose(track.components["modes"][:, 0], modes, atol=1e-7)
         assert_close(track, *mixed(modes, list(map(widened, range(number)))))
+    assert track.gated[0] == refused
+    assert (refused > 0) == (disputed > 0) == bool(gate)
     # The measurements have told the models apart, a little where bearings are all there is.
     assert modes.max() > 1.02 / number
 

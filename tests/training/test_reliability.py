@@ -19,7 +19,7 @@ from training.reliability.flight import Tally, indefinite
 from training.reliability.leg import Leg, draw
 from training.reliability.page import page
 from training.reliability.record import MOST_GROWTH, Record
-from training.reliability.survival import FAULTS, GATES, POLICIES, SCENARIO
+from training.reliability.survival import FAULTS, TRACKED, cases
 
 Said = tuple[int, str, str]
 Passloc = Callable[..., Said]
@@ -65,7 +65,8 @@ def test_it_flies_until_the_steps_are_made_and_writes_the_page(
     assert "| **all** | 5 | 5,000 | 0 | 0 | 0 | 0 | 0 |" in text
     assert f"passloc soak --steps 4500 --episodes 2 --seed 0 --out {out.as_posix()}" in text
     rows = [line for line in text.splitlines() if line.startswith(tuple(f"| {faults} |" for faults in FAULTS))]
-    assert len(rows) == len(FAULTS) * len(POLICIES) * len(GATES)
+    assert len(rows) == len(list(cases()))
+    assert all(f"### {each.title}\n" in text for each in TRACKED)
     data = json.loads(Path(f"{out}.json").read_text(encoding="utf-8"))
     assert sum(tally["steps"] for tally in data["scenarios"].values()) == 5000
     assert len(data["survivals"]) == len(rows)
@@ -107,12 +108,24 @@ def test_legs_are_of_every_kind() -> None:
     assert {leg.scenario.name for leg in legs} == set(SCENARIOS)
     assert len({type(leg.scenario.tracker).__name__ for leg in legs}) == 8
     assert {getattr(leg.scenario.tracker, "gate", None) for leg in legs} == {None, 0.0, 0.9, 0.99, 0.999}
+    gating = {type(leg.scenario.tracker).__name__ for leg in legs if getattr(leg.scenario.tracker, "gate", 0.0)}
+    assert {"InteractingModels", "FilterPyTracker"} < gating
     assert {leg.mode for leg in legs} == {"NextStep", "SameStep"}
     assert 0.3 < np.mean([leg.scenario.sensors[0].faults.outlying for leg in legs]) < 0.7
     sizes = [leg.environments for leg in legs]
     assert min(sizes) == 1
     assert max(sizes) > 1000
     assert all(leg.scenario != SCENARIOS[leg.scenario.name] for leg in legs)
+
+
+def test_every_sensor_fails_and_every_tracker_gates() -> None:
+    """Faults and gates get into the scenarios flown, and every case is another one."""
+    scenarios = [case.scenario for case in cases()]
+    assert len(set(map(str, scenarios))) * len({case.policy for case in cases()}) == len(scenarios)
+    for case, scenario in zip(cases(), scenarios, strict=True):
+        assert getattr(scenario.tracker, "gate", None) == case.gate
+        assert all((sensor.detection_probability < 1.0) == (case.faults != "none") for sensor in scenario.sensors)
+        assert all(sensor.faults.outlying == ("outliers" in case.faults) for sensor in scenario.sensors)
 
 
 def test_the_growth_is_the_slope_of_the_second_half() -> None:
@@ -130,9 +143,9 @@ def test_the_growth_is_the_slope_of_the_second_half() -> None:
 
 def test_too_many_repairs_break_the_promise() -> None:
     record = Record(0, "passloc soak")
-    record.add(SCENARIO, Tally(legs=1, steps=100_000, repairs=9))
+    record.add("BearingsOnly", Tally(legs=1, steps=100_000, repairs=9))
     assert record.broken() == []
-    record.add(SCENARIO, Tally(legs=1, repairs=2))
+    record.add("BearingsOnly", Tally(legs=1, repairs=2))
     assert record.broken() == ["1.1e-04 repairs per step, below 0.0001 are allowed"]
 
 

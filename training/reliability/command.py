@@ -14,7 +14,7 @@ from training.reliability.flight import fly_leg
 from training.reliability.leg import draw
 from training.reliability.page import page, summary
 from training.reliability.record import Record
-from training.reliability.survival import FAULTS, GATES, POLICIES, Survival, survivals
+from training.reliability.survival import Survival, cases, survivals
 
 _LEG = 200_000
 """Sensor steps of a leg at most, but for its last decision."""
@@ -78,5 +78,5 @@ def _fly_one(record: Record, number: int) -> None:
 
 def _survive(episodes: int) -> list[Survival]:
     with progress_bar("episodes") as bar:
-        task = bar.add_task("losing tracks", total=len(FAULTS) * len(POLICIES) * len(GATES) * episodes)
+        task = bar.add_task("losing tracks", total=len(list(cases())) * episodes)
         return survivals(episodes, EVALUATION_SEED, lambda done: bar.update(task, advance=done))

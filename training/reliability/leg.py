@@ -29,7 +29,6 @@ _TRACKERS = (
     "RecursiveCrossFix",
     "FilterPyTracker",
 )
-_UNGATED = ("InteractingModels", "RecursiveCrossFix", "FilterPyTracker")
 _GATES = (0.0, 0.9, 0.99, 0.999)
 _MODES = ("NextStep", "SameStep")
 _CHANGED = 0.2
@@ -139,7 +138,7 @@ def _faults(scenario: Scenario, sensor: str, rng: np.random.Generator) -> dict[s
 def _tracker(scenario: Scenario, rng: np.random.Generator) -> Any:
     """The scenario's own tracker, or another that believes in the same motion; gated or not."""
     kind = str(rng.choice([type(scenario.tracker).__name__, *_TRACKERS]))
-    gate = {} if kind in _UNGATED else {"gate": float(rng.choice(_GATES))}
+    gate = {"gate": float(rng.choice(_GATES))} if "gate" in specs(Component.registry[kind]) else {}
     if kind == type(scenario.tracker).__name__:
         return to_dict(scenario.tracker) | gate
     motion = {} if kind == "InteractingModels" else {"motion": scenario.tracker.motion}

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from passloc_env.metrics import LOST_ERROR, LOST_NEES
 from training.commands import EVALUATION_SEED
 from training.markdown import RIGHT, markdown
 from training.reliability.flight import Tally
 from training.reliability.record import MOST_GROWTH, MOST_REPAIRS, Record
-from training.reliability.survival import FAULTS, SCENARIO, Survival
+from training.reliability.survival import FAULTS, TRACKED, Survival
 from training.table import with_interval
 
 
@@ -57,6 +57,26 @@ def _faults(record: Record) -> tuple[str, ...]:
 
 
 def _survival(rows: Sequence[Survival], episodes: int) -> tuple[str, ...]:
+    tables = [
+        text
+        for title in (each.title for each in TRACKED)
+        for text in (f"### {title}", _lost(row for row in rows if row.tracked == title))
+    ]
+    return (
+        "## Tracks kept although sensors fail",
+        f"{episodes} episodes each, seeds from {EVALUATION_SEED}, the same for every row. A track is lost "
+        f"that ends with a relative range error above {LOST_ERROR:g} or a NEES above {LOST_NEES:g}. A gate is given as "
+        "the chance that a measurement of the emitter passes it. Trackers are told of no fault. Intervals are 95 %, "
+        "Wilson's for lost tracks.",
+        *tables,
+        "As overrides of every sensor: "
+        + "; ".join(f"*{words}*: `{changes}`" for words, changes in FAULTS.items() if changes)
+        + ".",
+    )
+
+
+def _lost(rows: Iterable[Survival]) -> str:
+    """What became of the tracks of one scenario."""
     cells = [
         (
             row.faults,
@@ -67,15 +87,7 @@ def _survival(rows: Sequence[Survival], episodes: int) -> tuple[str, ...]:
         )
         for row in rows
     ]
-    return (
-        "## Tracks kept although sensors fail",
-        f"{SCENARIO}, {episodes} episodes each, seeds from {EVALUATION_SEED}, the same for every row. A track is lost "
-        f"that ends with a relative range error above {LOST_ERROR:g} or a NEES above {LOST_NEES:g}. A gate is given as "
-        "the chance that a measurement of the emitter passes it. Trackers are told of no fault. Intervals are 95 %, "
-        "Wilson's for lost tracks.",
-        markdown(("what goes wrong", "policy", "gate", "lost, %", "median end error, %"), cells, RIGHT),
-        "As overrides: " + "; ".join(f"*{words}*: `{changes}`" for words, changes in FAULTS.items() if changes) + ".",
-    )
+    return markdown(("what goes wrong", "policy", "gate", "lost, %", "median end error, %"), cells, RIGHT)
 
 
 def _origin(record: Record) -> tuple[str, ...]:
