@@ -21,11 +21,13 @@ POLICIES = ("circle", "learned")
 GATES = (0.0, 0.99, 0.999)
 _MISSED = {"detection_probability": 0.7}
 _OUTLIERS = _MISSED | {"faults.outlier_probability": 0.05}
+_WIDE, _WIDER = ({"faults.outlier_scale": scale} for scale in (10.0, 30.0))
 FAULTS: dict[str, dict[str, Any]] = {
     "none": {},
     "30 % missed": _MISSED,
-    "30 % missed, 5 % outliers ten times as wide": _OUTLIERS | {"faults.outlier_scale": 10.0},
-    "30 % missed, 5 % outliers thirty times as wide": _OUTLIERS | {"faults.outlier_scale": 30.0},
+    "30 % missed, 5 % outliers ten times as wide": _OUTLIERS | _WIDE,
+    "30 % missed, 20 % late, 5 % outliers ten times as wide": _OUTLIERS | _WIDE | {"faults.late_probability": 0.2},
+    "30 % missed, 5 % outliers thirty times as wide": _OUTLIERS | _WIDER,
 }
 """What goes wrong with every sensor, in words and as overrides of its fields."""
 
