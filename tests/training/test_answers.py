@@ -13,6 +13,8 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
+from ctrl_c import heed_ctrl_c
+
 from agents import AgentFile
 from passloc_env import SCENARIOS
 from passloc_env.scenarios import environment_id
@@ -129,7 +131,12 @@ def interrupted(words, ready, tmp_path):
     """What a command says when Ctrl-C comes as soon as ``ready`` is true: status, standard error."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     process = subprocess.Popen(
-        [sys.executable, "-m", "training.cli", *words], stderr=subprocess.PIPE, text=True, env=environment, cwd=tmp_path
+        [sys.executable, "-m", "training.cli", *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        cwd=tmp_path,
+        preexec_fn=heed_ctrl_c,
     )
     deadline = time.monotonic() + 120.0
     while not ready() and process.poll() is None and time.monotonic() < deadline:

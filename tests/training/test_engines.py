@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from ctrl_c import heed_ctrl_c
 from work_for_engines import (
     PLACE,
     fail,
@@ -160,6 +161,7 @@ def test_ctrl_c_ends_all_workers(place):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=heed_ctrl_c,
     )
     wait_for(lambda: len(marks("[01].*")) == 2)
     workers = [int(name.partition(".")[2]) for name in marks("[01].*")]
