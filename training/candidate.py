@@ -20,6 +20,7 @@ from training.commands import Train
 from training.engines import ALONE, Engine
 from training.files import move_whole, note
 from training.hyperparameters import Hyperparameters
+from training.lock import held
 from training.progress import console, progress_bar
 from training.run_folder import CONFIGURATION, Assignment
 from training.train import finished, resume, run
@@ -137,13 +138,23 @@ def train_missing(candidates: Sequence[Candidate], out: Path, engine: Engine = A
 
     Raises:
         AgentFileError: a candidate's folder holds something else.
-        InputError: a candidate's folder holds an agent of other settings, or its training was begun with others;
-            nothing has been trained then.
+        InputError: a candidate's folder holds an agent of other settings, or its training was begun with others, or
+            another sweep is under way; nothing has been trained then.
         FileExistsError: ``out``, which holds the folders, is a file.
     """
+    # Twice: what is refused is refused before anything is left there, and what is missing is known once nobody adds.
+    _waiting(candidates)
+    with held(kept_folder(out)):
+        _train(*_waiting(candidates), engine)
+
+
+def _waiting(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[str]]:
+    """Those that are not there yet, and the names of those that are begun."""
     waiting = [candidate for candidate in candidates if not candidate.trained]
-    begun = [candidate.name for candidate in waiting if candidate.begun]
-    kept_folder(out)
+    return waiting, [candidate.name for candidate in waiting if candidate.begun]
+
+
+def _train(waiting: Sequence[Candidate], begun: Sequence[str], engine: Engine) -> None:
     if engine is not ALONE:
         _train_beside(waiting, engine)
         return

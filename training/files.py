@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 _SHOWN = 5
+_PARTIAL = ".part"
 _saved: dict[Path, str] = {}
 
 
@@ -36,13 +37,19 @@ def appearing(path: Path) -> Iterator[Path]:
         yield target
         note(path)
         return
-    partial = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    partial = target.with_name(f".{target.stem}.{os.getpid()}{_PARTIAL}{target.suffix}")
     try:
         yield partial
         partial.replace(target)
         note(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def clear_partials(folder: Path) -> None:
+    """Remove what killed processes have left half-written in a folder and below, where nobody else writes now."""
+    for path in folder.rglob(f".*{_PARTIAL}*"):
+        path.unlink(missing_ok=True)
 
 
 def note(path: Path, what: str = "") -> None:
@@ -58,9 +65,22 @@ def note(path: Path, what: str = "") -> None:
 def move_whole(folder: Path, to: Path) -> None:
     """Give a folder that is whole the name by which it is known from now on."""
     folder.replace(to)
+    _unsay(folder)
+    note(to)
+
+
+@contextmanager
+def unsaid(folder: Path) -> Iterator[None]:
+    """Nobody is told of what appears in a folder meanwhile: it will not last."""
+    try:
+        yield
+    finally:
+        _unsay(folder)
+
+
+def _unsay(folder: Path) -> None:
     for path in [path for path in _saved if folder in (path, *path.parents)]:
         del _saved[path]
-    note(to)
 
 
 def forget() -> None:

@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 
 from agents import Policy
+from passloc_env import __version__
 from passloc_env.errors import InputError
 from passloc_env.reading import json_data, read_text
 from passloc_env.scenario import Scenario
 from training.arguments import writable_folder
 from training.episodes import Scores, batches
-from training.files import json_text, write_whole
+from training.files import clear_partials, json_text, write_whole
 from training.lock import LOCK, held
 from training.stamp import stamp
 
@@ -98,12 +99,13 @@ class Results:
             path = self.path(policy, first)
             try:
                 with parquet.ParquetFile(path) as file:
-                    part = file.read(columns=[name], use_threads=False)[name].to_numpy()
+                    part = file.read(columns=[_SEED, name], use_threads=False)
+                seeds, values = part[_SEED].to_numpy(), part[name].to_numpy()
             except (OSError, KeyError, ArrowException):
-                part = np.empty(0)
-            if len(part) != count:
+                seeds = values = np.empty(0)
+            if not np.array_equal(seeds, np.arange(self.seed + first, self.seed + first + count)):
                 raise InputError(f"{path} cannot be read: remove it, and run the same command again")
-            column[first : first + count] = part
+            column[first : first + count] = values
         return column
 
 
@@ -160,6 +162,7 @@ def opened_results(
 
     settings = {
         "format": _FORMAT,
+        "version": __version__,
         "scenario": scenario.to_dict(),
         "policies": {name: stamp(policy) for name, policy in zip(names, policies, strict=True)},
         "episodes": episodes,
@@ -167,6 +170,7 @@ def opened_results(
         "batch": BATCH,
     }
     with held(writable_folder(folder)):
+        clear_partials(folder)
         _keep_to(json.loads(json_text(settings)), folder)
         yield Results(folder, tuple(names), episodes, seed)
 
@@ -181,7 +185,8 @@ def _keep_to(settings: dict[str, Any], folder: Path) -> None:
         return
     try:
         found = json_data(read_text(path))
-        other = [name for name, value in settings.items() if found.get(name) != value]
+        # As text, for the order of the policies counts.
+        other = [name for name, value in settings.items() if json_text(found.get(name)) != json_text(value)]
     except (InputError, OSError, AttributeError):
         raise InputError(f"{path} cannot be read: name another folder with --results") from None
     if other:

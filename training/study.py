@@ -15,7 +15,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from passloc_env.errors import InputError
 
-_NAME = "passloc"
+_NAME, _SETTINGS = "passloc", "settings"
 _DONE = (TrialState.COMPLETE, TrialState.PRUNED)
 _HOPELESS, _FAIR_TRIALS = 75.0, 5
 """Training is given up in the worst quarter, once so many trials have been through to compare with."""
@@ -23,7 +23,7 @@ _HOPELESS, _FAIR_TRIALS = 75.0, 5
 
 @contextmanager
 def opened_study(path: Path, settings: dict[str, Any]) -> Iterator[optuna.Study]:
-    """A study begun now or earlier; only one search at a time may work on it.
+    """A study begun now or earlier; only one search at a time may work on it, which holds its folder.
 
     Trials that an interrupted search left running are marked as failed: samplers and pruners pass over those.
 
@@ -54,12 +54,13 @@ def opened_study(path: Path, settings: dict[str, Any]) -> Iterator[optuna.Study]
 
 def _keep_to(settings: dict[str, Any], study: optuna.Study, path: Path) -> None:
     """InputError unless the study is new or of the same settings."""
-    found = study.user_attrs
-    if not found and not study.trials:
-        for name, value in settings.items():
-            study.set_user_attr(name, value)
+    found = study.user_attrs.get(_SETTINGS)
+    if not study.user_attrs and not study.trials:
+        # At once: a search that is killed in between would be one of other settings for ever.
+        study.set_user_attr(_SETTINGS, settings)
         return
-    other = [name for name, value in settings.items() if found.get(name) != value]
+    known = found if isinstance(found, dict) else {}
+    other = [name for name, value in settings.items() if known.get(name) != value]
     if other:
         raise InputError(f"{path} is a search with other {', '.join(other)}: name another folder with --out")
 

@@ -20,8 +20,9 @@ from training.arguments import at_least_one, check_seed, kept_folder, parse_over
 from training.commands import Tune
 from training.engines import opened
 from training.episodes import fly
-from training.files import write_whole
+from training.files import unsaid, write_whole
 from training.hyperparameters import Hyperparameters
+from training.lock import held
 from training.progress import console, progress_bar
 from training.score import score_of
 from training.search_space import suggest, unchanged
@@ -44,7 +45,7 @@ def tune(arguments: Tune) -> Path:
     Raises:
         ScenarioError: an unknown scenario or field, or an impossible value.
         InputError: a number of trials, episodes or decisions below one, a negative seed, or a folder that holds
-            another search.
+            another search, or in which one is under way.
         FileExistsError: the folder is a file.
     """
     scenario = find(arguments.scenario).override(parse_overrides(arguments.override))
@@ -56,6 +57,7 @@ def tune(arguments: Tune) -> Path:
     best = folder / "best.yaml"
     settings = _settings(scenario, base, arguments)
     with (
+        held(folder),
         opened_study(folder / "study.db", settings) as study,
         opened(arguments.work) as engine,
         progress_bar("trials") as bar,
@@ -148,7 +150,7 @@ def _cost(
     scenario: Scenario, parameters: Hyperparameters, arguments: Tune, watch: Callable[[dict[str, float]], None]
 ) -> float:
     """What the scenario's score says of an agent trained so, and what its violations cost; lower is better."""
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, unsaid(Path(folder)):
         finished = run(scenario, parameters, Path(folder), arguments.seed, quiet=True, watch=watch)
     scores, _ = fly(scenario, LearnedPolicy(finished.agent), arguments.episodes, TUNING_SEED)
     return score_of(scenario).cost(scores) + float(_VIOLATION_COST * scores.violated.mean())

@@ -104,7 +104,7 @@ def test_page_tells_the_command_that_wrote_it(page, arguments):
 
 
 def test_agents_learn_from_their_reward_alone_and_nothing_guards_them(page, arguments):
-    assert {path.name for path in arguments.out.iterdir()} == FOLDERS | {"rewards.md", "rewards.json"}
+    assert {path.name for path in arguments.out.iterdir()} == FOLDERS | {".lock", "rewards.md", "rewards.json"}
     agents = [AgentFile.load(path) for path in arguments.out.iterdir() if path.is_dir()]
     assert {agent.scenario.reward for agent in agents} == set(REWARDS.values())
     for agent in agents:
@@ -152,11 +152,12 @@ def test_an_interrupted_ablation_goes_on(arguments, tmp_path, monkeypatch, count
     assert {path.name for path in cut.out.iterdir()} == {
         "range-bound",
         "range-bound-and-keep-out",
+        ".lock",
         "Gram-gain.partial",
     }
     ablate(cut)
     assert counted == list(REWARDS.values())
-    assert {path.name for path in cut.out.iterdir()} == FOLDERS | {"rewards.md", "rewards.json"}
+    assert {path.name for path in cut.out.iterdir()} == FOLDERS | {".lock", "rewards.md", "rewards.json"}
     assert not (cut.out / "Gram-gain" / "stale").exists()
 
 

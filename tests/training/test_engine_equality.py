@@ -151,7 +151,7 @@ def test_seeds(tmp_path, two):
         out = tmp_path / name
         candidates = [Candidate(f"seed {seed}", SHORT, TINY, seed, out / str(seed)) for seed in (3, 5)]
         train_missing(candidates, out, engine)
-        assert {path.name for path in out.iterdir()} == {"3", "5"}
+        assert {path.name for path in out.iterdir()} == {".lock", "3", "5"}
         made[name] = candidates
     for here, there in zip(made["here"], made["there"], strict=True):
         assert there.trained

@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,8 +22,8 @@ from agents import find_policy
 from passloc_env import SCENARIOS
 from passloc_env.errors import InputError
 from training import evaluate as evaluate_module
+from training import files, statistics
 from training import results as results_module
-from training import statistics
 from training.engines.local import Local
 from training.episodes import Scores
 from training.evaluate import compare, evaluate
@@ -103,13 +104,16 @@ def test_an_interrupted_run_goes_on(tmp_path, expected, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             evaluated(tmp_path)
         assert len(files_in(tmp_path)) == whole
-    (tmp_path / "1-random").mkdir(exist_ok=True)
-    (tmp_path / "1-random" / "000000008.parquet.partial").write_bytes(b"half")
+    left = [tmp_path / ".settings.12345.part.json", tmp_path / "1-random" / ".000000008.12345.part.parquet"]
+    for path in left:
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(b"half")
     done = []
     same(evaluated(tmp_path, progress=lambda policy, count: done.append(count)), expected)
     assert sum(done) == 2 * EPISODES
     batches = [batch for batch in flown if batch]
     assert len(batches) == len(set(batches)) == FILES
+    assert not any(path.exists() for path in left)
     same(evaluated(tmp_path), expected)
     assert len(flown) == FILES + 2
 
@@ -153,10 +157,11 @@ def test_a_killed_run_goes_on(tmp_path, expected, workers):
     [
         ({"scenario": SHORT.override({"episode.steps": 28})}, "scenario"),
         ({"policies": [find_policy("circle", SHORT), find_policy("straight", SHORT)]}, "policies"),
+        ({"policies": POLICIES[::-1]}, "policies"),
         ({"episodes": EPISODES + 1}, "episodes"),
         ({"seed": SEED + 1}, "seed"),
     ],
-    ids=["scenario", "policies", "episodes", "seed"],
+    ids=["scenario", "policies", "order", "episodes", "seed"],
 )
 def test_a_folder_of_other_settings_is_refused(tmp_path, change, named):
     evaluated(tmp_path)
@@ -171,6 +176,33 @@ def test_a_folder_of_something_else_is_refused(tmp_path, name, said):
     with pytest.raises(InputError, match=said):
         evaluated(tmp_path)
     assert (tmp_path / name).read_text(encoding="utf-8") == "precious"
+
+
+def test_results_of_another_version_are_refused(tmp_path, monkeypatch):
+    evaluated(tmp_path)
+    monkeypatch.setattr(results_module, "__version__", "0.0.0")
+    with pytest.raises(InputError, match="holds results of other version"):
+        evaluated(tmp_path)
+
+
+def test_a_folder_whose_beginning_was_killed_is_begun_anew(tmp_path, expected):
+    """What was left half-written, as ``appearing`` names it, is nobody's."""
+    with files.appearing(tmp_path / "elsewhere" / "settings.json") as partial:
+        left = tmp_path / partial.name
+        partial.parent.mkdir()
+        partial.touch()
+    shutil.rmtree(partial.parent)
+    left.write_text("{", encoding="utf-8")
+    same(evaluated(tmp_path), expected)
+    assert not left.exists()
+
+
+def test_a_file_of_other_episodes_is_named(tmp_path):
+    evaluation = evaluated(tmp_path)
+    first, second = files_in(tmp_path / "0-circle")[:2]
+    first.write_bytes(second.read_bytes())
+    with pytest.raises(InputError, match=f"{first.name} cannot be read: remove it"):
+        evaluation.scores["circle"].end_error.sum()
 
 
 def test_a_second_process_is_refused(tmp_path, expected):

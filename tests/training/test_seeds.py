@@ -60,7 +60,8 @@ def trained(monkeypatch):
 
 def test_an_agent_per_seed_and_what_is_said_of_them(page, arguments):
     names = {path.name for path in arguments.out.iterdir()}
-    assert names == {"BearingsOnly-3", "BearingsOnly-5", "BearingsOnly.md", "BearingsOnly.json", "BearingsOnly.png"}
+    pages = {f"BearingsOnly.{ending}" for ending in ("md", "json", "png")}
+    assert names == {".lock", "BearingsOnly-3", "BearingsOnly-5"} | pages
     cards = [AgentFile.load(arguments.out / f"BearingsOnly-{seed}").card["training"] for seed in (3, 5)]
     assert [card["seed"] for card in cards] == [3, 5]
     assert [card["decisions"] for card in cards] == [512, 512]

@@ -25,6 +25,7 @@ from training.curve import read_curve
 from training.engines.alone import Alone
 from training.hyperparameters import Hyperparameters
 from training.lock import held
+from training.run_folder import CONFIGURATION
 from training.seeds import seeds
 from training.train import run
 
@@ -158,6 +159,14 @@ def test_a_training_begun_otherwise_is_refused_before_anything_is_trained(change
     assert (cut / LATEST).read_bytes() == before
 
 
+def test_a_sweep_under_way_elsewhere_is_refused(candidate: Candidate, cut: Path) -> None:
+    """Even where the training that is begun there has nothing yet that could be gone on with."""
+    (cut / CONFIGURATION).unlink()
+    with held(candidate.folder.parent), pytest.raises(InputError, match=r"out is being written by another process"):
+        train_missing([candidate], candidate.folder.parent)
+    assert (cut / LATEST).exists()
+
+
 def test_a_training_under_way_elsewhere_is_refused(candidate: Candidate, cut: Path) -> None:
     with held(cut), pytest.raises(InputError, match=r"one.partial is being written by another process"):
         train_missing([candidate], candidate.folder.parent)
@@ -195,7 +204,7 @@ def test_an_agent_trained_away_is_the_same(candidate: Candidate, tmp_path: Path)
     train_missing([candidate], candidate.folder.parent)
     train_missing([there], there.folder.parent, Away())
     assert without_clock(there.folder) == without_clock(candidate.folder)
-    assert [path.name for path in there.folder.parent.iterdir()] == ["one"]
+    assert sorted(path.name for path in there.folder.parent.iterdir()) == [".lock", "one"]
 
 
 def test_what_is_said_to_be_saved_is_where_it_is(candidate: Candidate) -> None:

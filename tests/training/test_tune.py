@@ -14,9 +14,11 @@ from rich.console import Console
 
 from passloc_env import ScenarioError
 from passloc_env.errors import InputError
+from training import files
 from training import tune as tune_module
 from training.commands import Output, Train, Tune
 from training.hyperparameters import Hyperparameters
+from training.lock import held
 from training.search_space import suggest
 from training.study import opened_study
 from training.train import train
@@ -75,7 +77,7 @@ def test_a_search_goes_on_and_its_best_can_be_trained(arguments, said):
     tune(dataclasses.replace(arguments, trials=1))
     trials = trials_in(arguments.out)
     assert [trial.state for trial in trials] == [TrialState.COMPLETE] * 3
-    assert {path.name for path in arguments.out.iterdir()} == {"study.db", "best.yaml"}
+    assert {path.name for path in arguments.out.iterdir()} == {".lock", "study.db", "best.yaml"}
     winner = min(trials, key=lambda trial: trial.value)
     parameters = Hyperparameters.load(best)
     assert parameters == suggest(FixedTrial(winner.params), dataclasses.replace(TINY, decisions=256))
@@ -232,6 +234,22 @@ def test_a_file_that_is_no_study_is_refused(arguments, content):
     assert (arguments.out / "study.db").read_bytes() == content
 
 
+def test_a_second_search_in_the_same_folder_is_refused(arguments, cheap):
+    arguments.out.mkdir()
+    with held(arguments.out), pytest.raises(InputError, match=r"search is being written by another process"):
+        tune(arguments)
+    assert not (arguments.out / "study.db").exists()
+    tune(arguments)
+    assert len(cheap) == arguments.trials
+
+
+def test_nothing_is_said_of_a_trials_own_agent(arguments):
+    """It lies where nothing lasts."""
+    files.forget()
+    tune(arguments)
+    assert files.saved() == [str(arguments.out / "best.yaml")]
+
+
 @pytest.mark.parametrize("name", ["with spaces", "per%20cent", "{braces}", "what?#now", "Größe"])
 def test_the_study_lies_where_it_is_said_to(tmp_path, name):
     """Nothing in a path may be taken for a part of the database's address."""
@@ -239,7 +257,7 @@ def test_the_study_lies_where_it_is_said_to(tmp_path, name):
     folder.mkdir()
     for _ in range(2):
         with opened_study(folder / "study.db", {"seed": 0}) as study:
-            assert study.user_attrs == {"seed": 0}
+            assert study.user_attrs == {"settings": {"seed": 0}}
     assert [path.name for path in folder.iterdir()] == ["study.db"]
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
