@@ -133,7 +133,7 @@ class Seeds:
     episodes: int = 1000
     """Unseen episodes that each agent is judged by."""
     out: Path = Path("runs/seeds")
-    """Folder of the agents, the page and its picture; agents that are there are not trained again."""
+    """Folder of agents, page and picture; what is there is not trained again, what was cut short goes on."""
     work: Where = Work()
     output: Answer = Output()
 
@@ -157,5 +157,5 @@ class Ablate:
     seed: int = 0
     """Seed of the training runs."""
     out: Path = Path("runs/ablation")
-    """Folder of the agents, the table and its page; agents that are there are not trained again."""
+    """Folder of agents, table and page; what is there is not trained again, what was cut short goes on."""
     output: Answer = Output()
