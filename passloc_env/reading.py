@@ -24,7 +24,7 @@ TEXT_LIMIT = 1 << 20
 _DEPTH = 50
 _ITEMS = 50_000
 _DIGITS = 100
-"""How deeply plain data may be nested, how many values it may hold, and how long its whole numbers may be."""
+"""How deeply plain data may be nested, how many values it usually may hold, and how long its whole numbers may be."""
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -74,8 +74,12 @@ def read_text(path: Path) -> str:
         raise InputError("not a text in UTF-8") from None
 
 
-def json_data(text: str) -> Any:
+def json_data(text: str, items: int = _ITEMS) -> Any:
     """Plain data from JSON text, strictly: every name once in its object, and only numbers that JSON knows.
+
+    Args:
+        text: the JSON.
+        items: values that it may hold.
 
     Raises:
         InputError: another text, or one that is nested too deeply or holds too much.
@@ -86,7 +90,7 @@ def json_data(text: str) -> Any:
         raise InputError(f"nested more than {_DEPTH} deep") from None
     except ValueError as error:
         raise InputError(one_line(error)) from None
-    _check(data)
+    _check(data, items)
     return data
 
 
@@ -103,7 +107,7 @@ def yaml_data(text: str) -> Any:
     except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         # PyYAML's own constructors of numbers and dates fail each in its way.
         raise InputError(one_line(error)) from None
-    _check(data)
+    _check(data, _ITEMS)
     return data
 
 
@@ -166,13 +170,13 @@ def _finite(text: str) -> float:
     return number
 
 
-def _check(data: Any) -> None:
+def _check(data: Any, most: int) -> None:
     """InputError for plain data that is nested too deeply, holds too much, or what cannot be written again."""
     level, items = [data], 0
     for _ in range(_DEPTH):
         items += len(level)
-        if items > _ITEMS:
-            raise InputError(f"more than {_ITEMS} values")
+        if items > most:
+            raise InputError(f"more than {most} values")
         inner: list[Any] = []
         for value in level:
             if isinstance(value, dict):

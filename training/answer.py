@@ -8,11 +8,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from passloc_env.errors import InputError
 from training.arguments import free_path
-from training.commands import Output
+from training.commands import Asked, Output
 from training.files import json_text, write_whole
 
 _STANDARD_OUTPUT = Path("-")
+
+_PLACES = ("out", "results")
+"""What commands call the places that they write into."""
 
 
 class Unmet(Exception):
@@ -29,13 +33,17 @@ class Unmet(Exception):
 
 
 @contextmanager
-def prepared(output: Output) -> Iterator[None]:
+def prepared(arguments: Asked) -> Iterator[None]:
     """Look whether the answer can be given as asked, before anything takes long; keep quiet meanwhile if asked to.
 
     Raises:
+        InputError: the place is that of something else that is written.
         OSError: a place that cannot be written into.
     """
+    output = arguments.output
     if output.json is not None and output.json != _STANDARD_OUTPUT:
+        for name in _PLACES:
+            _check_apart(output.json, name, getattr(arguments, name, None))
         free_path(output.json)
     from training.progress import console
 
@@ -44,6 +52,15 @@ def prepared(output: Output) -> Iterator[None]:
         yield
     finally:
         console.quiet = False
+
+
+def _check_apart(json: Path, name: str, other: Path | None) -> None:
+    """InputError when what is written elsewhere makes a folder, or another file, of the place of the answer."""
+    if other is None:
+        return
+    place = other.resolve()
+    if json.resolve() in (place, *place.parents):
+        raise InputError(f"json = {str(json)!r} is not possible: {name} = {str(other)!r} is written there")
 
 
 def give(output: Output, answer: Any) -> None:

@@ -10,21 +10,38 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from passloc_env.errors import InputError, one_line
+from passloc_env.reading import json_data, read_bytes
+from training.files import cannot_write
+
+Taken = TypeVar("Taken")
 
 LATEST, BEFORE = "checkpoint.safetensors", "checkpoint.before.safetensors"
 _ABOUT, _DIGEST = "about", "digest"
 _KEPT = "__array__"
+_SIZE = 8
+"""Bytes at the beginning of a safetensors file that say how long its header is."""
+
+LIMIT = 1 << 30
+"""Bytes that a checkpoint may take."""
+
+_HEADER_LIMIT, _ITEMS = 1 << 24, 2_000_000
+"""Bytes that the header of a checkpoint may take, and values that it may hold: fourteen of them per environment."""
 
 
 class CheckpointError(InputError):
     """A checkpoint that cannot be used; the message is one line."""
+
+
+class ForeignCheckpointError(CheckpointError):
+    """A checkpoint that may be whole, but is not of this run; the message is one line."""
 
 
 @dataclass(frozen=True)
@@ -38,17 +55,21 @@ class Checkpoint:
 
         Raises:
             OSError: it cannot be written; those that are there are as they were.
+            CheckpointError: it is larger than one may be.
         """
         latest, part = folder / LATEST, folder / f".{LATEST}.part"
+        content = self._content()
+        if len(content) > LIMIT or _header_size(content) > _HEADER_LIMIT:
+            raise CheckpointError(f"{latest} would be larger than can be read again: --checkpoint 0 trains without any")
         try:
-            _write_through(part, self._content())
+            part.unlink(missing_ok=True)
+            _write_through(part, content)
             if latest.exists():
                 latest.replace(folder / BEFORE)
             part.replace(latest)
         except OSError as error:
             part.unlink(missing_ok=True)
-            advice = f"what was saved before is whole: passloc train --resume {folder}"
-            raise type(error)(f"{latest} cannot be written: {error.strerror}; {advice}") from None
+            raise cannot_write(latest, error) from None
 
     def _content(self) -> bytes:
         from safetensors.numpy import save
@@ -62,22 +83,28 @@ class Checkpoint:
         """Read and check a checkpoint.
 
         Raises:
-            CheckpointError: there is none, or it is damaged.
+            CheckpointError: there is none, or it is damaged; the message goes on from the path.
         """
-        from safetensors import SafetensorError, safe_open
+        from safetensors import SafetensorError
+        from safetensors.numpy import load
 
         try:
-            with safe_open(path, framework="numpy") as file:
-                metadata = file.metadata() or {}
-                arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
+            content = read_bytes(path, LIMIT)
+            size = _header_size(content)
+            if size > _HEADER_LIMIT:
+                raise ValueError("its header is too large for that of a checkpoint")
+            metadata = json_data(content[_SIZE : _SIZE + size].decode(), _ITEMS)["__metadata__"]
+            arrays = load(content)
             about = metadata[_ABOUT]
             if metadata[_DIGEST] != _digest(about, arrays):
                 raise ValueError("its digest is not that of what it holds")
-            tree = _restored(json.loads(about), arrays)
+            tree = _restored(json_data(about, _ITEMS), arrays)
+            if not isinstance(tree, dict):
+                raise ValueError("it holds no mapping")
         except OSError as error:
-            raise CheckpointError(f"{path} cannot be read: {error.strerror or 'it is not there'}") from None
-        except (SafetensorError, KeyError, ValueError, TypeError, RecursionError) as error:
-            raise CheckpointError(f"{path} is damaged: {one_line(error)}") from None
+            raise CheckpointError(f"cannot be read: {error.strerror}") from None
+        except (SafetensorError, KeyError, ValueError, TypeError, AttributeError) as error:
+            raise CheckpointError(f"is damaged: {one_line(error)}") from None
         return cls(tree)
 
 
@@ -86,19 +113,28 @@ def has_checkpoint(folder: Path) -> bool:
     return any((folder / name).exists() for name in (LATEST, BEFORE))
 
 
-def find_checkpoint(folder: Path) -> tuple[Checkpoint, list[str]]:
-    """The latest whole checkpoint of a run folder, and what is to be said of a damaged one.
+def find_checkpoint(folder: Path, take_up: Callable[[Checkpoint], Taken]) -> tuple[Taken, list[str]]:
+    """What comes of the latest usable checkpoint of a run folder, and what is to be said of one that is not.
+
+    Args:
+        folder: of the run.
+        take_up: makes use of a checkpoint, or refuses it by a CheckpointError whose message goes on from the path.
 
     Raises:
-        CheckpointError: none is whole.
+        CheckpointError: none is usable.
+        ForeignCheckpointError: one is of another run.
     """
     said: list[str] = []
     for name in (LATEST, BEFORE):
-        if (folder / name).exists():
-            try:
-                return Checkpoint.load(folder / name), said
-            except CheckpointError as error:
-                said.append(str(error))
+        path = folder / name
+        if not path.exists():
+            continue
+        try:
+            return take_up(Checkpoint.load(path)), said
+        except ForeignCheckpointError as error:
+            raise ForeignCheckpointError(f"{path} {error}") from None
+        except CheckpointError as error:
+            said.append(f"{path} {error}")
     raise CheckpointError("; ".join(said))
 
 
@@ -109,11 +145,16 @@ def forget_checkpoints(folder: Path) -> None:
 
 
 def _write_through(path: Path, content: bytes) -> None:
-    """Write a file and see it onto the disk, so that a name that replaces another never stands for less."""
-    with path.open("wb") as file:
+    """Write a new file and see it onto the disk, so that a name that replaces another never stands for less."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+    with os.fdopen(os.open(path, flags, 0o666), "wb") as file:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
+
+
+def _header_size(content: bytes) -> int:
+    return int.from_bytes(content[:_SIZE], "little")
 
 
 def _digest(about: str, arrays: dict[str, np.ndarray]) -> str:

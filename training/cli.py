@@ -50,7 +50,7 @@ def _answer(name: str, arguments: Asked) -> int:
     output = arguments.output
     module, _, function = COMMANDS[name].answered_by.partition(":")
     forget()
-    with prepared(output):
+    with prepared(arguments):
         answers = getattr(importlib.import_module(module), function)
         try:
             give(output, answers(arguments))

@@ -13,10 +13,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from passloc_env.arrays import Array
 from passloc_env.errors import InputError, one_line
-from passloc_env.reading import read_text
-from training.files import write_whole
+from passloc_env.reading import read_bytes
+from training.files import cannot_write, write_whole
 
 COLUMNS = ("decisions", "seconds", "mean_return", "mean_length", "violations")
+
+CURVE_LIMIT = 1 << 24
+"""Bytes that a learning curve may take: three hundred thousand rollouts."""
 
 
 class CurveCallback(BaseCallback):
@@ -42,6 +45,7 @@ class CurveCallback(BaseCallback):
         super().__init__()
         self.rows = list(rows)
         self._path, self._watch, self._elapsed = path, watch, elapsed
+        self._begun: float | None = None
         self._episodes: list[tuple[float, float, bool]] = []
 
     def _on_training_start(self) -> None:
@@ -53,8 +57,8 @@ class CurveCallback(BaseCallback):
 
     @property
     def seconds(self) -> float:
-        """How long the training has taken."""
-        return time.perf_counter() - self._begun
+        """How long the training has taken, what came before it went on included."""
+        return self._elapsed if self._begun is None else time.perf_counter() - self._begun
 
     def _on_step(self) -> bool:
         for index in np.flatnonzero(self.locals["dones"]):
@@ -77,8 +81,11 @@ class CurveCallback(BaseCallback):
         row = {name: round(float(value), 6) for name, value in zip(COLUMNS, values, strict=True)}
         self.rows.append(row)
         self.logger.record("rollout/violations", row["violations"])
-        with self._path.open("a", newline="") as file:
-            csv.writer(file).writerow(row.values())
+        try:
+            with self._path.open("a", newline="") as file:
+                csv.writer(file).writerow(row.values())
+        except OSError as error:
+            raise cannot_write(self._path, error) from None
         self._watch(row)
 
 
@@ -86,12 +93,14 @@ def read_curve(path: Path) -> dict[str, Array]:
     """A curve that was kept: values by column, one per rollout.
 
     Raises:
-        InputError: it is not there, or it is none.
+        InputError: it is not there, it is none, or it is larger than :data:`CURVE_LIMIT`.
     """
     try:
-        header, *rows = csv.reader(read_text(path).splitlines())
+        header, *rows = csv.reader(read_bytes(path, CURVE_LIMIT).decode().splitlines())
         values = np.array(rows, float).reshape(len(rows), len(COLUMNS))
-    except (OSError, ValueError, csv.Error):
+    except OSError as error:
+        raise InputError(f"{path} is not a learning curve: {error.strerror}") from None
+    except (ValueError, csv.Error):
         raise InputError(f"{path} is not a learning curve") from None
     if tuple(header) != COLUMNS:
         raise InputError(f"{path} is not a learning curve: its columns are {one_line(', '.join(header))}")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from stable_baselines3.common.logger import Logger, configure
 
-FOLDER = "tensorboard"
+from training.run_folder import EVENTS
 
 
 @contextmanager
@@ -26,8 +26,7 @@ def event_log(run: Path) -> Iterator[Logger]:
             before(arguments)
 
     threading.excepthook = hook
-    logger = configure(str(run / FOLDER), ["tensorboard"])
     try:
-        yield logger
+        yield configure(str(run / EVENTS), ["tensorboard"])
     finally:
         threading.excepthook = before

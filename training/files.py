@@ -21,9 +21,21 @@ def json_text(data: Any) -> str:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file that appears whole or not at all; text as UTF-8."""
-    with appearing(path) as partial:
-        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+    """Write a file that appears whole or not at all; text as UTF-8.
+
+    Raises:
+        OSError: it cannot be written; the message names it.
+    """
+    try:
+        with appearing(path) as partial:
+            partial.write_bytes(content.encode() if isinstance(content, str) else content)
+    except OSError as error:
+        raise cannot_write(path, error) from None
+
+
+def cannot_write(path: Path, error: OSError) -> OSError:
+    """The same error with a message that names the file: what a full disk raises does not."""
+    return type(error)(f"{path} cannot be written: {error.strerror or error}")
 
 
 @contextmanager

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import random
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from training.families import Together
+from training.likeness import check_like
 from training.vector_ppo import VectorPPO
 
 _COUNTERS = ("num_timesteps", "_n_updates")
+
+
+def has_learnt(model: VectorPPO) -> bool:
+    """Whether the policy is another one than at the beginning."""
+    return model._n_updates > 0
 
 
 def learner_state(model: VectorPPO, env: VecEnv) -> dict[str, Any]:
@@ -53,6 +59,34 @@ def put_back(state: Mapping[str, Any], model: VectorPPO, env: VecEnv) -> None:
     model._last_episode_starts = state["starts"].copy()
     _set_env_state(env, state["env"])
     _set_generators(state["generators"])
+
+
+def check_state(state: Any, model: VectorPPO, env: VecEnv) -> None:
+    """Whether a state can be put back into a new learner, looked at before anything of it is.
+
+    The learner is left between resets: a state must be put back before it learns.
+
+    Raises:
+        ValueError: the state is of another build, or holds what no learner of this build can have come to.
+    """
+    model._last_obs = cast(np.ndarray, env.reset())
+    model._last_episode_starts = np.ones(env.num_envs, bool)
+    like = learner_state(model, env)
+    # Moments are there from the first update on, one for each parameter that has learnt.
+    parameters = model.policy.optimizer.param_groups[0]["params"]
+    moments = {str(index): _moments(parameter) for index, parameter in enumerate(parameters)}
+    try:
+        found = state["optimiser"]["moments"]
+        like["optimiser"]["moments"] = {name: moments[name] for name in found}
+    except (KeyError, TypeError, IndexError):
+        raise ValueError("it holds no optimiser of this learner") from None
+    check_like(state, like, "learner")
+
+
+def _moments(parameter: torch.Tensor) -> dict[str, np.ndarray]:
+    """The shapes of what Adam remembers of a parameter."""
+    shape = np.zeros(tuple(parameter.shape), np.float32)
+    return {"step": np.zeros((), np.float32), "exp_avg": shape, "exp_avg_sq": shape}
 
 
 def _arrays(tensors: Mapping[str, torch.Tensor]) -> dict[str, np.ndarray]:

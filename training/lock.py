@@ -20,6 +20,7 @@ def held(folder: Path) -> Iterator[None]:
 
     Raises:
         InputError: somebody else does.
+        OSError: a link stands in the place of the lock, and is not followed.
     """
     lock = filelock.FileLock(folder / LOCK)
     try:

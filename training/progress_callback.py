@@ -27,6 +27,6 @@ class ProgressCallback(BaseCallback):
         words = f"training on {self._name}" + (f", return {sum(recent) / len(recent):.1f}" if recent else "")
         self._bar.update(self._task, completed=min(self.num_timesteps, self._decisions), description=words)
 
-    def stop(self) -> None:
+    def close(self) -> None:
         """Take the bar away, however the training ended."""
         self._bar.stop()

@@ -6,7 +6,7 @@ import importlib.metadata
 import os
 import platform
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,11 @@ def provenance(arguments: Sequence[str]) -> dict[str, Any]:
         "versions": {"python": platform.python_version()} | {name: _version(name) for name in _PACKAGES},
         "machine": {"processor": _processor(), "cores": os.cpu_count(), "system": platform.system()},
     }
+
+
+def same_place(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether two provenances are of one machine and the same versions: there results agree to the last bit."""
+    return all(one.get(name) == other.get(name) for name in ("versions", "machine"))
 
 
 def command(arguments: Sequence[str]) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import stat
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,7 @@ from passloc_env.scenario import Scenario
 from training.files import json_text, write_whole
 from training.hyperparameters import Hyperparameters
 
-CONFIGURATION, CURVE = "config.json", "curve.csv"
+CONFIGURATION, CURVE, EVENTS = "config.json", "curve.csv", "tensorboard"
 
 
 @dataclass(frozen=True)
@@ -34,13 +36,23 @@ class Assignment:
 
     def save(self, folder: Path) -> None:
         """Write it into a run folder."""
-        data = {
-            "scenario": self.scenario.to_dict(),
-            "hyperparameters": dataclasses.asdict(self.parameters),
-            "seed": self.seed,
-            "provenance": self.origin,
-        }
-        write_whole(folder / CONFIGURATION, json_text(data))
+        write_whole(folder / CONFIGURATION, self._text)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that it says, in hexadecimal digits; checkpoints name the assignment by it."""
+        return hashlib.sha256(self._text.encode()).hexdigest()
+
+    @property
+    def _text(self) -> str:
+        return json_text(
+            {
+                "scenario": self.scenario.to_dict(),
+                "hyperparameters": dataclasses.asdict(self.parameters),
+                "seed": self.seed,
+                "provenance": self.origin,
+            }
+        )
 
     @classmethod
     def load(cls, folder: Path) -> Assignment:
@@ -58,3 +70,23 @@ class Assignment:
             raise InputError(f"{folder} is not the folder of a training: it holds no {CONFIGURATION}") from None
         except (InputError, KeyError, TypeError, ValueError) as error:
             raise InputError(f"{path} is not the configuration of a training: {one_line(error)}") from None
+
+
+def check_own_files(folder: Path) -> None:
+    """Whether all that a run folder holds lies in it: what is written through a link lies elsewhere.
+
+    Raises:
+        InputError: a link, a pipe, or a folder other than that of TensorBoard's events.
+    """
+    for path in sorted(folder.iterdir()):
+        kind = path.lstat().st_mode
+        if stat.S_ISDIR(kind) and EVENTS in (path.name, folder.name):
+            check_own_files(path)
+        elif not stat.S_ISREG(kind):
+            raise InputError(f"{path} is not a file of a training: {_kind(kind)}, which is not written into")
+
+
+def _kind(mode: int) -> str:
+    if stat.S_ISLNK(mode):
+        return "it is a link"
+    return "it is a folder" if stat.S_ISDIR(mode) else "it is a pipe or a device"

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import torch
-from stable_baselines3.common.callbacks import CallbackList
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.vec_env import VecEnv
 
 from agents.agent_file import CARD, AgentFile
 from agents.symmetry import MirrorSymmetry
-from passloc_env.errors import InputError, one_line
+from passloc_env.errors import InputError
 from passloc_env.scenario import Scenario
 from passloc_env.scenarios import find
 from training.arguments import check_seed, file_stem, new_folder, parse_overrides, writable_folder
-from training.checkpoint import Checkpoint, CheckpointError, find_checkpoint, forget_checkpoints, has_checkpoint
+from training.checkpoint import find_checkpoint, forget_checkpoints, has_checkpoint
 from training.checkpoint_callback import CheckpointCallback
 from training.commands import Train
 from training.curve import CurveCallback
@@ -28,12 +29,14 @@ from training.families import families_of
 from training.files import note
 from training.hyperparameters import Hyperparameters
 from training.learner import agent_of, build_ppo, learning_env
-from training.learner_state import learner_state, put_back
+from training.learner_state import has_learnt
 from training.lock import held
+from training.mishaps import told
 from training.progress import console
 from training.progress_callback import ProgressCallback
-from training.provenance import provenance
-from training.run_folder import CURVE, Assignment
+from training.provenance import provenance, same_place
+from training.run_folder import CURVE, Assignment, check_own_files
+from training.run_state import Memory, run_state, take_up
 from training.vector_ppo import VectorPPO
 
 Watch = Callable[[dict[str, float]], None]
@@ -133,16 +136,31 @@ def run(
     assignment = Assignment(scenario.override(parameters.overrides), parameters, seed, provenance(sys.argv))
     with held(folder):
         assignment.save(folder)
-        return _learn(assignment, folder, None, checkpoint, quiet, watch)
+        return _learn(assignment, folder, checkpoint, quiet, watch)
 
 
 def finished(folder: Path) -> bool:
-    """Whether a run has come to its end: one that is interrupted leaves its agent too, but with checkpoints."""
-    return (folder / CARD).exists() and not has_checkpoint(folder)
+    """Whether a run has come to its end: one that is interrupted leaves its agent too, of fewer decisions.
+
+    Raises:
+        InputError: the folder holds no run, or an unreadable one.
+    """
+    if has_checkpoint(folder) or not (folder / CARD).exists():
+        return False
+    return _learnt(folder) >= Assignment.load(folder).parameters.decisions
+
+
+def _learnt(folder: Path) -> int:
+    """The decisions that the agent in a run folder has learnt from, as its card says."""
+    training = AgentFile.load(folder).card.get("training", {})
+    decisions = training.get("decisions")
+    return decisions if isinstance(decisions, int) else 0
 
 
 def resume(folder: Path, checkpoint: int, quiet: bool = False) -> Run:
     """Go on with a run that was cut short: it ends as if it had not been, to the last bit.
+
+    That holds on the same machine with the same versions; a run that is gone on with elsewhere says so in its card.
 
     Args:
         folder: of the run.
@@ -150,58 +168,51 @@ def resume(folder: Path, checkpoint: int, quiet: bool = False) -> Run:
         quiet: no progress bar.
 
     Raises:
-        InputError: no run, one that is finished, another process that writes into the folder.
-        CheckpointError: the checkpoints are damaged.
+        InputError: no run, one that is finished or has kept nothing to go on from, links in its folder, another process
+            that writes into it.
+        CheckpointError: the checkpoints are damaged, or of another run.
     """
     assignment = Assignment.load(folder)
+    check_own_files(folder)
     with held(folder):
         if finished(folder):
             raise InputError(f"{folder} is finished: there is nothing to go on with")
-        if not has_checkpoint(folder):
-            return _learn(assignment, folder, None, checkpoint, quiet)
-        saved, damaged = find_checkpoint(folder)
-        for remark in damaged:
-            print(f"passloc: {remark}; going on from the one before", file=sys.stderr)
-        return _learn(assignment, folder, saved, checkpoint, quiet)
+        if has_checkpoint(folder):
+            return _learn(assignment, folder, checkpoint, quiet, going_on=True)
+        if (folder / CARD).exists():
+            done = f"{_learnt(folder):,} of {assignment.parameters.decisions:,} decisions"
+            raise InputError(f"{folder} was cut short after {done} and kept no checkpoint to go on from")
+        here = provenance(sys.argv)
+        begun = assignment.origin | {name: here[name] for name in ("versions", "machine")}
+        assignment = dataclasses.replace(assignment, origin=begun)
+        assignment.save(folder)
+        return _learn(assignment, folder, checkpoint, quiet)
 
 
 def _learn(
     assignment: Assignment,
     folder: Path,
-    saved: Checkpoint | None,
     checkpoint: int,
     quiet: bool = False,
     watch: Watch = lambda row: None,
+    going_on: bool = False,
 ) -> Run:
     """Learn from the beginning, or from a checkpoint on."""
     torch.set_num_threads(1)
-    scenario, parameters = assignment.scenario, assignment.parameters
+    parameters = assignment.parameters
     writable_folder(folder)
-    env = learning_env(scenario, parameters, assignment.seed)
-    model = build_ppo(env, parameters, assignment.seed)
-    curve = CurveCallback(folder / CURVE, watch)
-    if saved is not None:
-        curve = CurveCallback(folder / CURVE, watch, *_put_back(saved, folder, model, env))
-    progress = ProgressCallback(scenario.name, parameters.decisions, shown=not quiet)
-
-    def state() -> dict[str, Any]:
-        return {"learner": learner_state(model, env), "curve": curve.rows, "seconds": curve.seconds}
-
-    keeper = CheckpointCallback(folder, checkpoint, state)
-    interrupted: KeyboardInterrupt | None = None
-    try:
-        ahead = parameters.decisions - model.num_timesteps
-        with event_log(folder) as logger:
-            model.set_logger(logger)
-            model.learn(ahead, callback=CallbackList([curve, progress, keeper]), reset_num_timesteps=saved is None)
-    except KeyboardInterrupt as error:
-        # What has been learnt so far is an agent all the same, and its card says how many decisions it has seen.
-        interrupted = error
-    finally:
-        progress.stop()
-        env.close()
-    agent = agent_of(model, assignment, curve.seconds)
-    agent.save(folder)
+    progress = ProgressCallback(assignment.scenario.name, parameters.decisions, shown=not quiet)
+    with closing(learning_env(assignment.scenario, parameters, assignment.seed)) as env, closing(progress):
+        model = build_ppo(env, parameters, assignment.seed)
+        memory = _remembered(assignment, folder, model, env) if going_on else Memory()
+        curve = CurveCallback(folder / CURVE, watch, memory.rows, memory.seconds)
+        keeper = CheckpointCallback(folder, checkpoint, lambda: run_state(assignment, model, env, curve, memory))
+        with told(folder, model, parameters.learning_rate):
+            interrupted = _interruption(model, folder, parameters.decisions, [curve, progress, keeper], going_on)
+            if interrupted is not None and not has_learnt(model):
+                raise interrupted
+            agent = agent_of(model, memory.told_by(assignment), curve.seconds)
+            agent.save(folder)
     note(folder, f"the agent after {model.num_timesteps:,} decisions")
     if interrupted is not None:
         raise interrupted
@@ -209,20 +220,34 @@ def _learn(
     return Run(folder, agent, curve.seconds, curve.rows)
 
 
-def _put_back(
-    saved: Checkpoint, folder: Path, model: VectorPPO, env: VecEnv
-) -> tuple[Sequence[dict[str, float]], float]:
-    """Let the learner be what it was; the rows of its curve, and how long it had learnt.
+def _interruption(
+    model: VectorPPO, folder: Path, decisions: int, callbacks: list[BaseCallback], going_on: bool
+) -> KeyboardInterrupt | None:
+    """Learn until so many decisions have been seen; what has interrupted it, if anything.
 
-    Raises:
-        CheckpointError: it was another one.
+    What has been learnt until then is an agent all the same, and its card says how many decisions it has seen.
     """
     try:
-        put_back(saved.tree["learner"], model, env)
-        return saved.tree["curve"], float(saved.tree["seconds"])
-    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-        reason = f"{type(error).__name__}: {one_line(error)}"
-        raise CheckpointError(f"the checkpoint in {folder} is of another training or version: {reason}") from None
+        with event_log(folder) as logger:
+            model.set_logger(logger)
+            ahead = decisions - model.num_timesteps
+            model.learn(ahead, callback=CallbackList(callbacks), reset_num_timesteps=not going_on)
+    except KeyboardInterrupt as error:
+        return error
+    return None
+
+
+def _remembered(assignment: Assignment, folder: Path, model: VectorPPO, env: VecEnv) -> Memory:
+    """Take up the latest usable checkpoint of a run, and say what is not as it was."""
+    memory, damaged = find_checkpoint(folder, lambda found: take_up(found, assignment, model, env))
+    for remark in damaged:
+        print(f"passloc: {remark}; going on from the one before", file=sys.stderr)
+    here = provenance(sys.argv)
+    if same_place([assignment.origin, *memory.resumed][-1], here):
+        return memory
+    said = f"{folder} was begun with other versions or on another machine, as its card will say"
+    print(f"passloc: {said}: it may end otherwise than there", file=sys.stderr)
+    return dataclasses.replace(memory, resumed=[*memory.resumed, here])
 
 
 def _parameters(arguments: Train, scenario: Scenario) -> Hyperparameters:
