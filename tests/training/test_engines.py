@@ -1,5 +1,7 @@
 """Engines: every task is done once whatever happens to a worker, and where it was done changes nothing."""
 
+import contextlib
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -14,6 +16,8 @@ from work_for_engines import (
     fail,
     killed_always,
     killed_once,
+    killed_while_answering,
+    mark,
     marks,
     refuse,
     square,
@@ -120,6 +124,18 @@ def test_a_killed_worker_is_replaced_and_nothing_is_lost(elsewhere):
     assert sum(len(marks(f"{number}.*")) for (number,) in NUMBERS) == len(NUMBERS) + 1
 
 
+def test_a_worker_killed_in_the_middle_of_its_answer_is_replaced(local, place):
+    local.close()
+    answers = local.map(killed_while_answering, [(0, 1), (1, 1)])
+    assert next(answers) == (0, bytes(20_000_000))
+    wait_for(lambda: marks("1.*"))
+    mark("go")
+    mortal = int(marks("1.*")[0].partition(".")[2])
+    wait_for(lambda: mortal not in {child.pid for child in multiprocessing.active_children()})
+    assert list(answers) == [(1, bytes([1]) * 20_000_000)]
+    assert len(marks("1.*")) == 2
+
+
 def test_a_task_that_ends_every_worker_is_given_up(elsewhere):
     with pytest.raises(WorkerError, match=f"task 0 has ended {ATTEMPTS} workers, the last by ") as caught:
         list(elsewhere.map(killed_always, [(0,)]))
@@ -144,8 +160,9 @@ def test_who_stops_asking_ends_the_tasks(local, place):
     assert dict(local.map(square, NUMBERS)) == SQUARES
 
 
-def test_ctrl_c_ends_all_workers(place):
-    """A terminal sends it to every process of the group; the workers leave it to the first one."""
+@pytest.fixture
+def dawdling(place):
+    """A process of its own with two workers, which are in the middle of tasks that never end, and the workers' ids."""
     program = (
         "from training.engines.local import Local\n"
         "from work_for_engines import dawdle\n"
@@ -164,7 +181,14 @@ def test_ctrl_c_ends_all_workers(place):
         preexec_fn=heed_ctrl_c,
     )
     wait_for(lambda: len(marks("[01].*")) == 2)
-    workers = [int(name.partition(".")[2]) for name in marks("[01].*")]
+    yield process, [int(name.partition(".")[2]) for name in marks("[01].*")]
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+
+
+def test_ctrl_c_ends_all_workers(dawdling):
+    """A terminal sends it to every process of the group; the workers leave it to the first one."""
+    process, workers = dawdling
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert said.count("Traceback") == 1
@@ -172,27 +196,12 @@ def test_ctrl_c_ends_all_workers(place):
     assert not any(alive(worker) for worker in workers)
 
 
-def test_workers_end_with_a_killed_parent(place):
-    """Nobody is left to end them: their pipes do."""
-    program = (
-        "from training.engines.local import Local\n"
-        "from work_for_engines import who\n"
-        "import signal\n"
-        "if __name__ == '__main__':\n"
-        "    print(*(process for _, process in Local(2).map(who, [()] * 4)), flush=True)\n"
-        "    signal.pause()\n"
-    )
-    script = place / "script.py"
-    script.write_text(program, encoding="utf-8")
-    path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
-    environment = {**os.environ, "PYTHONPATH": path}
-    process = subprocess.Popen([sys.executable, str(script)], env=environment, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    workers = {int(word) for word in process.stdout.readline().split()}
+def test_workers_end_with_a_killed_parent(dawdling):
+    """Nobody is left to end them, and they are in the middle of a task."""
+    process, workers = dawdling
     process.kill()
     process.communicate(timeout=60)
     wait_for(lambda: not any(alive(worker) for worker in workers))
-    assert len(workers) == 2
 
 
 @pytest.mark.parametrize(
