@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import atexit
 import importlib
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import NoReturn
 
 from passloc_env.errors import InputError, RenderError, WorkerError
 from training.commands import COMMANDS, Asked
 from training.parsing import PROGRAM, parse
 
-_UNMET, _REFUSED, _INTERRUPTED = 1, 2, 130
+_UNMET, _REFUSED, _INTERRUPTED, _TERMINATED = 1, 2, 130, 143
+
+
+class _Terminated(KeyboardInterrupt):
+    """Something asked the process to end; whatever heeds Ctrl-C heeds it too."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,11 +44,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise InputError(f"options follow a command: {PROGRAM} COMMAND {words[0]}")
         if not words:
             raise InputError(f"name a command: {', '.join(COMMANDS)}; {PROGRAM} --help says what they do")
-        return _answer(words[0], parse(words[0], words[1:]))
-    except KeyboardInterrupt:
+        with _terminable():
+            return _answer(words[0], parse(words[0], words[1:]))
+    except KeyboardInterrupt as interrupt:
+        # All has been said by then: one more Ctrl-C must not add the traceback of a library that is leaving.
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
+        if isinstance(interrupt, _Terminated):
+            return _say(f"terminated; {_what_is_saved()}", _TERMINATED)
         return _say(f"interrupted; {_what_is_saved()}", _INTERRUPTED)
     except (InputError, RenderError, WorkerError, OSError) as error:
         return _say(str(error), _REFUSED)
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Meanwhile SIGTERM ends the command as Ctrl-C does, unless it has another meaning already."""
+    in_charge = threading.current_thread() is threading.main_thread()
+    if not in_charge or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _terminate(*_: object) -> NoReturn:
+    raise _Terminated
 
 
 def _answer(name: str, arguments: Asked) -> int:
