@@ -4,6 +4,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -144,6 +145,15 @@ def test_a_task_that_ends_every_worker_is_given_up(elsewhere):
     assert dict(elsewhere.map(square, NUMBERS)) == SQUARES
 
 
+def test_workers_that_lack_our_modules_are_no_dead_ones(monkeypatch):
+    ray = pytest.importorskip("ray")
+    ray.shutdown()
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    said = r"^task 0 could not be done: ModuleNotFoundError: No module named 'work_for_engines'$"
+    with opened(Work(engine="ray", workers=1)) as cluster, pytest.raises(WorkerError, match=said):
+        list(cluster.map(square, NUMBERS))
+
+
 def test_processes_are_kept_and_use_one_thread(local):
     first = {process for _, process in local.map(who, [()] * 4)}
     assert len(first) == 2
@@ -227,11 +237,87 @@ def test_one_worker_is_this_process():
         assert engine.workers == 2
 
 
-def test_a_cluster_that_nobody_answers_for_is_one_line(monkeypatch):
+def refusal(address):
+    """What somebody is told who wants to use the cluster at an address."""
     ray = pytest.importorskip("ray")
     ray.shutdown()
-    monkeypatch.setenv("RAY_gcs_rpc_server_reconnect_timeout_s", "1")
-    expected = pytest.raises(InputError, match="address = 'auto' is not possible: ")
-    with expected as caught, opened(Work(engine="ray", address="auto")):
+    with pytest.raises(InputError) as caught, opened(Work(engine="ray", address=address)):
         pass
-    assert "\n" not in str(caught.value)
+    said = str(caught.value)
+    assert said.startswith(f"address = {address!r} is not possible: ")
+    assert "\n" not in said
+    return said
+
+
+def test_no_cluster_of_this_machine(monkeypatch):
+    monkeypatch.setenv("RAY_gcs_rpc_server_reconnect_timeout_s", "1")
+    assert refusal("auto")
+
+
+def test_an_address_where_nobody_listens(capfd):
+    with socket.socket() as taken:
+        # Bound, so that nobody else gets the port, and not listening.
+        taken.bind(("127.0.0.1", 0))
+        assert "nobody answers there" in refusal(f"127.0.0.1:{taken.getsockname()[1]}")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("address", ["local", "127.0.0.1:x", "127.0.0.1:99999", ":6379", "[::1", "ray://"])
+def test_what_is_no_address(address):
+    assert "a cluster is at host:port, or auto" in refusal(address)
+
+
+@pytest.fixture
+def guarded(tmp_path, monkeypatch):
+    """The address of a cluster that lets in who has its token, which this process could find."""
+    pytest.importorskip("ray")
+    token = tmp_path / "token"
+    token.write_text("0123456789abcdef" * 2, encoding="utf-8")
+    monkeypatch.setenv("RAY_AUTH_TOKEN_PATH", str(token))
+    # Ray sets it where a cluster has been started.
+    monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = ["start", "--head", "--block", "--include-dashboard=false", "--num-cpus=1", f"--port={port}"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ray.scripts.scripts", *words],
+        env={**os.environ, "RAY_AUTH_MODE": "token", "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    wait_for(lambda: answers(port))
+    yield f"127.0.0.1:{port}"
+    process.terminate()
+    process.wait()
+
+
+def answers(port):
+    with socket.socket() as caller:
+        return caller.connect_ex(("127.0.0.1", port)) == 0
+
+
+COUNT = (
+    "from training.commands.fields import Work\n"
+    "from training.engines import opened\n"
+    "from work_for_engines import square\n"
+    "import sys\n"
+    "with opened(Work(engine='ray', address=sys.argv[1])) as cluster:\n"
+    "    print(dict(cluster.map(square, [(3,), (4,)])))\n"
+)
+
+
+def test_a_cluster_with_a_token(guarded):
+    """Ray reads the token once in a process, hence those of their own."""
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests"), *sys.path])
+
+    def said(**settings):
+        environment = {**os.environ, "PYTHONPATH": path, **settings}
+        words = [sys.executable, "-c", COUNT, guarded]
+        return subprocess.run(words, env=environment, capture_output=True, text=True, timeout=120)
+
+    let_in = said(RAY_AUTH_MODE="token")
+    assert (let_in.stdout, let_in.stderr) == ("{0: 9, 1: 16}\n", "")
+    refused = said()
+    assert refused.stderr.splitlines()[-1].endswith("have its ~/.ray/auth_token on this machine")
+    assert "InvalidAuthToken" not in refused.stderr
