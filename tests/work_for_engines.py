@@ -64,6 +64,11 @@ def dawdle(number):
         signal.pause()
 
 
+def dawdle_from(number, first):
+    """A number below the first of those for which this never ends."""
+    return number if number < first else dawdle(number)
+
+
 @dataclass(frozen=True)
 class MortalCircle(Circle):
     """A circle whose first flight anywhere but in one process kills its worker half-way."""

@@ -14,6 +14,7 @@ import pytest
 from ctrl_c import heed_ctrl_c
 from work_for_engines import (
     PLACE,
+    dawdle_from,
     fail,
     killed_always,
     killed_once,
@@ -162,12 +163,15 @@ def test_processes_are_kept_and_use_one_thread(local):
     assert {count for _, count in local.map(threads, [()])} == {"1"}
 
 
-def test_who_stops_asking_ends_the_tasks(local, place):
-    local.close()
-    answers = local.map(square, NUMBERS)
-    next(answers)
+def test_who_stops_asking_ends_the_tasks(elsewhere):
+    """One task is done and the other never would be; in Ray too, which aborts if tasks are cancelled one by one."""
+    answers = elsewhere.map(dawdle_from, [(0, 1), (1, 1)])
+    assert next(answers) == (0, 0)
+    wait_for(lambda: marks("1.*"))
     answers.close()
-    assert dict(local.map(square, NUMBERS)) == SQUARES
+    worker = int(marks("1.*")[0].partition(".")[2])
+    wait_for(lambda: not alive(worker))
+    assert dict(elsewhere.map(square, NUMBERS)) == SQUARES
 
 
 @pytest.fixture

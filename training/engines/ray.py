@@ -44,17 +44,15 @@ class Ray:
     sees_files = False
 
     def __init__(self, workers: int | None = None, address: str = "") -> None:
-        quiet = {"log_to_driver": False, "logging_level": "error"}
-        with _same_end():
-            if address:
-                _join(address, **quiet)
-            else:
-                ray.init("local", num_cpus=workers, include_dashboard=False, **quiet)
+        self._asked, self._address = workers, address
+        self._open()
         self.workers = workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
         self._call = ray.remote(num_cpus=1, max_retries=ATTEMPTS - 1)(_call)
 
     def map(self, function: Callable[..., Result], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Result]]:
         """So many tasks at once as there are workers; Ray begins those again whose worker dies."""
+        if not ray.is_initialized():
+            self._open()
         waiting, flying = iter(enumerate(tasks)), dict[Any, int]()
         try:
             while True:
@@ -66,14 +64,23 @@ class Ray:
                 (done, *_), _ = ray.wait(list(flying), num_returns=1)
                 index = flying.pop(done)
                 yield index, _received(done, index).result()
-        finally:
-            # Not by force: Ray aborts this process when a task that it kills has just been done.
-            for reference in flying:
-                ray.cancel(reference, force=False)
+        except BaseException:
+            # A cluster ends the tasks of who leaves it. To cancel them instead, even gently, now and then aborts this
+            # process: Ray does not bear that a task is done while it is being cancelled.
+            self.close()
+            raise
 
     def close(self) -> None:
         """Leave the cluster, or end the one that was started here."""
         ray.shutdown()
+
+    def _open(self) -> None:
+        quiet = {"log_to_driver": False, "logging_level": "error"}
+        with _same_end():
+            if self._address:
+                _join(self._address, **quiet)
+            else:
+                ray.init("local", num_cpus=self._asked, include_dashboard=False, **quiet)
 
 
 def _join(address: str, **options: Any) -> None:
