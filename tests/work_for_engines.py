@@ -2,6 +2,8 @@
 
 import os
 import signal
+import threading
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,11 +47,26 @@ def killed_always(number):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def killed_while_answering(number, mortal):
+    """The number, many times; the mortal number's first worker is killed when half of that is sent and none received."""
+    mark(f"{number}.{os.getpid()}")
+    if number == mortal and len(marks(f"{number}.*")) == 1:
+        while not marks("go"):
+            time.sleep(0.01)
+        threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    return bytes([number]) * 20_000_000
+
+
 def dawdle(number):
     """Never ends by itself."""
     mark(f"{number}.{os.getpid()}")
     while True:
         signal.pause()
+
+
+def dawdle_from(number, first):
+    """A number below the first of those for which this never ends."""
+    return number if number < first else dawdle(number)
 
 
 @dataclass(frozen=True)

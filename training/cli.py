@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import atexit
 import importlib
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import NoReturn
 
 from passloc_env.errors import InputError, RenderError, WorkerError
 from training.commands import COMMANDS, Asked
 from training.parsing import PROGRAM, parse
 
-_UNMET, _REFUSED, _INTERRUPTED = 1, 2, 130
+_UNMET, _REFUSED, _INTERRUPTED, _TERMINATED = 1, 2, 130, 143
+
+
+class _Terminated(BaseException):
+    """The command was interrupted by SIGTERM."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,11 +44,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise InputError(f"options follow a command: {PROGRAM} COMMAND {words[0]}")
         if not words:
             raise InputError(f"name a command: {', '.join(COMMANDS)}; {PROGRAM} --help says what they do")
-        return _answer(words[0], parse(words[0], words[1:]))
+        with _terminable():
+            return _answer(words[0], parse(words[0], words[1:]))
     except KeyboardInterrupt:
-        return _say(f"interrupted; {_what_is_saved()}", _INTERRUPTED)
+        return _cut_short("interrupted", _INTERRUPTED)
+    except _Terminated:
+        return _cut_short("terminated", _TERMINATED)
     except (InputError, RenderError, WorkerError, OSError) as error:
         return _say(str(error), _REFUSED)
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Meanwhile SIGTERM interrupts the command as Ctrl-C does, unless it has another meaning already."""
+    in_charge = threading.current_thread() is threading.main_thread()
+    if not in_charge or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    asked = threading.Event()
+
+    def interrupt(*_: object) -> NoReturn:
+        asked.set()
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    except KeyboardInterrupt:
+        # Libraries raise another one in its place, so that its type would not tell.
+        if asked.is_set():
+            raise _Terminated from None
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _answer(name: str, arguments: Asked) -> int:
@@ -58,6 +95,12 @@ def _answer(name: str, arguments: Asked) -> int:
             give(output, unmet.answer)
             return _say(str(unmet), _UNMET)
     return 0
+
+
+def _cut_short(how: str, status: int) -> int:
+    # One more Ctrl-C must not add the traceback of a library that is leaving.
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
+    return _say(f"{how}; {_what_is_saved()}", status)
 
 
 def _what_is_saved() -> str:

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -212,6 +213,16 @@ def test_an_interrupt_is_no_crash(passloc, monkeypatch):
     monkeypatch.setattr("training.judging.evaluate", interrupt)
     said = "passloc: interrupted; nothing was saved\n"
     assert passloc("evaluate", "--episodes", "2", "--policies", "circle") == (130, "", said)
+
+
+def test_being_terminated_is_no_crash(passloc, monkeypatch):
+    def terminate(*arguments, **named):
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr("training.judging.evaluate", terminate)
+    said = "passloc: terminated; nothing was saved\n"
+    assert passloc("evaluate", "--episodes", "2", "--policies", "circle") == (143, "", said)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
 def test_bugs_are_not_hidden(monkeypatch):

@@ -1,7 +1,10 @@
 """Engines: every task is done once whatever happens to a worker, and where it was done changes nothing."""
 
+import contextlib
+import multiprocessing
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -11,9 +14,12 @@ import pytest
 from ctrl_c import heed_ctrl_c
 from work_for_engines import (
     PLACE,
+    dawdle_from,
     fail,
     killed_always,
     killed_once,
+    killed_while_answering,
+    mark,
     marks,
     refuse,
     square,
@@ -120,12 +126,33 @@ def test_a_killed_worker_is_replaced_and_nothing_is_lost(elsewhere):
     assert sum(len(marks(f"{number}.*")) for (number,) in NUMBERS) == len(NUMBERS) + 1
 
 
+def test_a_worker_killed_in_the_middle_of_its_answer_is_replaced(local, place):
+    local.close()
+    answers = local.map(killed_while_answering, [(0, 1), (1, 1)])
+    assert next(answers) == (0, bytes(20_000_000))
+    wait_for(lambda: marks("1.*"))
+    mark("go")
+    mortal = int(marks("1.*")[0].partition(".")[2])
+    wait_for(lambda: mortal not in {child.pid for child in multiprocessing.active_children()})
+    assert list(answers) == [(1, bytes([1]) * 20_000_000)]
+    assert len(marks("1.*")) == 2
+
+
 def test_a_task_that_ends_every_worker_is_given_up(elsewhere):
     with pytest.raises(WorkerError, match=f"task 0 has ended {ATTEMPTS} workers, the last by ") as caught:
         list(elsewhere.map(killed_always, [(0,)]))
     assert "\n" not in str(caught.value)
     assert len(marks()) == ATTEMPTS
     assert dict(elsewhere.map(square, NUMBERS)) == SQUARES
+
+
+def test_workers_that_lack_our_modules_are_no_dead_ones(monkeypatch):
+    ray = pytest.importorskip("ray")
+    ray.shutdown()
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    said = r"^task 0 could not be done: ModuleNotFoundError: No module named 'work_for_engines'$"
+    with opened(Work(engine="ray", workers=1)) as cluster, pytest.raises(WorkerError, match=said):
+        list(cluster.map(square, NUMBERS))
 
 
 def test_processes_are_kept_and_use_one_thread(local):
@@ -136,16 +163,20 @@ def test_processes_are_kept_and_use_one_thread(local):
     assert {count for _, count in local.map(threads, [()])} == {"1"}
 
 
-def test_who_stops_asking_ends_the_tasks(local, place):
-    local.close()
-    answers = local.map(square, NUMBERS)
-    next(answers)
+def test_who_stops_asking_ends_the_tasks(elsewhere):
+    """One task is done and the other never would be; in Ray too, which aborts if tasks are cancelled one by one."""
+    answers = elsewhere.map(dawdle_from, [(0, 1), (1, 1)])
+    assert next(answers) == (0, 0)
+    wait_for(lambda: marks("1.*"))
     answers.close()
-    assert dict(local.map(square, NUMBERS)) == SQUARES
+    worker = int(marks("1.*")[0].partition(".")[2])
+    wait_for(lambda: not alive(worker))
+    assert dict(elsewhere.map(square, NUMBERS)) == SQUARES
 
 
-def test_ctrl_c_ends_all_workers(place):
-    """A terminal sends it to every process of the group; the workers leave it to the first one."""
+@pytest.fixture
+def dawdling(place):
+    """A process of its own with two workers, which are in the middle of tasks that never end, and the workers' ids."""
     program = (
         "from training.engines.local import Local\n"
         "from work_for_engines import dawdle\n"
@@ -164,7 +195,14 @@ def test_ctrl_c_ends_all_workers(place):
         preexec_fn=heed_ctrl_c,
     )
     wait_for(lambda: len(marks("[01].*")) == 2)
-    workers = [int(name.partition(".")[2]) for name in marks("[01].*")]
+    yield process, [int(name.partition(".")[2]) for name in marks("[01].*")]
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+
+
+def test_ctrl_c_ends_all_workers(dawdling):
+    """A terminal sends it to every process of the group; the workers leave it to the first one."""
+    process, workers = dawdling
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert said.count("Traceback") == 1
@@ -172,27 +210,12 @@ def test_ctrl_c_ends_all_workers(place):
     assert not any(alive(worker) for worker in workers)
 
 
-def test_workers_end_with_a_killed_parent(place):
-    """Nobody is left to end them: their pipes do."""
-    program = (
-        "from training.engines.local import Local\n"
-        "from work_for_engines import who\n"
-        "import signal\n"
-        "if __name__ == '__main__':\n"
-        "    print(*(process for _, process in Local(2).map(who, [()] * 4)), flush=True)\n"
-        "    signal.pause()\n"
-    )
-    script = place / "script.py"
-    script.write_text(program, encoding="utf-8")
-    path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
-    environment = {**os.environ, "PYTHONPATH": path}
-    process = subprocess.Popen([sys.executable, str(script)], env=environment, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    workers = {int(word) for word in process.stdout.readline().split()}
+def test_workers_end_with_a_killed_parent(dawdling):
+    """Nobody is left to end them, and they are in the middle of a task."""
+    process, workers = dawdling
     process.kill()
     process.communicate(timeout=60)
     wait_for(lambda: not any(alive(worker) for worker in workers))
-    assert len(workers) == 2
 
 
 @pytest.mark.parametrize(
@@ -218,11 +241,87 @@ def test_one_worker_is_this_process():
         assert engine.workers == 2
 
 
-def test_a_cluster_that_nobody_answers_for_is_one_line(monkeypatch):
+def refusal(address):
+    """What somebody is told who wants to use the cluster at an address."""
     ray = pytest.importorskip("ray")
     ray.shutdown()
-    monkeypatch.setenv("RAY_gcs_rpc_server_reconnect_timeout_s", "1")
-    expected = pytest.raises(InputError, match="address = 'auto' is not possible: ")
-    with expected as caught, opened(Work(engine="ray", address="auto")):
+    with pytest.raises(InputError) as caught, opened(Work(engine="ray", address=address)):
         pass
-    assert "\n" not in str(caught.value)
+    said = str(caught.value)
+    assert said.startswith(f"address = {address!r} is not possible: ")
+    assert "\n" not in said
+    return said
+
+
+def test_no_cluster_of_this_machine(monkeypatch):
+    monkeypatch.setenv("RAY_gcs_rpc_server_reconnect_timeout_s", "1")
+    assert refusal("auto")
+
+
+def test_an_address_where_nobody_listens(capfd):
+    with socket.socket() as taken:
+        # Bound, so that nobody else gets the port, and not listening.
+        taken.bind(("127.0.0.1", 0))
+        assert "nobody answers there" in refusal(f"127.0.0.1:{taken.getsockname()[1]}")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("address", ["local", "127.0.0.1:x", "127.0.0.1:99999", ":6379", "[::1", "ray://"])
+def test_what_is_no_address(address):
+    assert "a cluster is at host:port, or auto" in refusal(address)
+
+
+@pytest.fixture
+def guarded(tmp_path, monkeypatch):
+    """The address of a cluster that lets in who has its token, which this process could find."""
+    pytest.importorskip("ray")
+    token = tmp_path / "token"
+    token.write_text("0123456789abcdef" * 2, encoding="utf-8")
+    monkeypatch.setenv("RAY_AUTH_TOKEN_PATH", str(token))
+    # Ray sets it where a cluster has been started.
+    monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = ["start", "--head", "--block", "--include-dashboard=false", "--num-cpus=1", f"--port={port}"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ray.scripts.scripts", *words],
+        env={**os.environ, "RAY_AUTH_MODE": "token", "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    wait_for(lambda: answers(port))
+    yield f"127.0.0.1:{port}"
+    process.terminate()
+    process.wait()
+
+
+def answers(port):
+    with socket.socket() as caller:
+        return caller.connect_ex(("127.0.0.1", port)) == 0
+
+
+COUNT = (
+    "from training.commands.fields import Work\n"
+    "from training.engines import opened\n"
+    "from work_for_engines import square\n"
+    "import sys\n"
+    "with opened(Work(engine='ray', address=sys.argv[1])) as cluster:\n"
+    "    print(dict(cluster.map(square, [(3,), (4,)])))\n"
+)
+
+
+def test_a_cluster_with_a_token(guarded):
+    """Ray reads the token once in a process, hence those of their own."""
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests"), *sys.path])
+
+    def said(**settings):
+        environment = {**os.environ, "PYTHONPATH": path, **settings}
+        words = [sys.executable, "-c", COUNT, guarded]
+        return subprocess.run(words, env=environment, capture_output=True, text=True, timeout=120)
+
+    let_in = said(RAY_AUTH_MODE="token")
+    assert (let_in.stdout, let_in.stderr) == ("{0: 9, 1: 16}\n", "")
+    refused = said()
+    assert refused.stderr.splitlines()[-1].endswith("have its ~/.ray/auth_token on this machine")
+    assert "InvalidAuthToken" not in refused.stderr

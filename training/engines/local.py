@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing import resource_tracker
@@ -17,7 +18,8 @@ from passloc_env.errors import WorkerError
 from training.engines.interface import ATTEMPTS, Outcome, Result, outcome
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_GONE = (EOFError, BrokenPipeError, ConnectionResetError)
+_GONE = (EOFError, OSError)
+"""What a pipe says whose other end is gone: before a message, in the middle of one, or when one is sent."""
 _FAREWELL = 2.0
 """Seconds that a worker has to end when it is told to."""
 
@@ -98,10 +100,11 @@ class _Hand:
     def answer(self) -> Outcome | None:
         """What the call came to; None when the process is gone."""
         try:
-            found: Outcome = pickle.loads(self.pipe.recv_bytes())
+            message = self.pipe.recv_bytes()
         except _GONE:
             self.dismiss()
             return None
+        found: Outcome = pickle.loads(message)
         return found
 
     def end(self) -> str:
@@ -122,11 +125,20 @@ class _Hand:
 
 
 def _serve(pipe: Connection) -> None:
-    """The life of a worker: answer until the pipe closes."""
+    """The life of a worker: answer until the pipe closes, or until nobody is left to answer to."""
+    threading.Thread(target=_die_with_parent, daemon=True).start()
     with contextlib.suppress(*_GONE):
         while True:
             task = pipe.recv_bytes()
             pipe.send_bytes(pickle.dumps(outcome(_call, (task,)), protocol=5))
+
+
+def _die_with_parent() -> None:
+    """End this process with the one that started it, in the middle of a task if need be."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _call(task: bytes) -> Any:
