@@ -48,7 +48,7 @@ def killed_always(number):
 
 
 def killed_while_answering(number, mortal):
-    """The number, many times; the mortal number's first worker is killed when half of that is sent and none received."""
+    """The number, many times; the mortal number's first worker is killed while it sends that and nobody takes it in."""
     mark(f"{number}.{os.getpid()}")
     if number == mortal and len(marks(f"{number}.*")) == 1:
         while not marks("go"):
