@@ -106,7 +106,8 @@ def saved() -> list[str]:
     if len(apart) <= _SHOWN:
         return [f"{what} in {path}" if what else str(path) for path, what in apart.items()]
     folders = dict.fromkeys(str(path.parent) for path in apart)
-    return [f"{sum(str(path.parent) == folder for path in apart)} files in {folder}" for folder in folders]
+    counts = {folder: sum(str(path.parent) == folder for path in apart) for folder in folders}
+    return [f"{count} {'file' if count == 1 else 'files'} in {folder}" for folder, count in counts.items()]
 
 
 def _finite(data: Any) -> Any:
