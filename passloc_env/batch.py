@@ -157,6 +157,10 @@ class Batch:
             if name not in arrays or arrays[name].shape != live.shape:
                 found = arrays[name].shape if name in arrays else "nothing"
                 raise ValueError(f"the state does not fit this environment: {name} is {found}, expected {live.shape}")
+        counts, steps = arrays[_COUNT], self.tiles[0].scenario.episode.steps
+        # The noise of a step is looked up by its count.
+        if ((counts < 0) | (counts > steps)).any():
+            raise ValueError(f"the state does not fit this environment: {_COUNT} must be from 0 to {steps}")
 
     def set_arrays(self, arrays: dict[str, np.ndarray]) -> None:
         """Put a state from :meth:`get_arrays` back; ValueError, with nothing changed, when it does not fit."""
@@ -174,6 +178,8 @@ def _generator(state: Any) -> np.random.Generator:
     bits.state = state
     return np.random.Generator(bits)
 
+
+_COUNT = "simulation.step_count"
 
 _DIAGNOSTICS: dict[str, Callable[[Simulation], np.ndarray]] = {
     "truth": lambda tile: tile.truth,

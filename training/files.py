@@ -58,12 +58,6 @@ def appearing(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def clear_partials(folder: Path) -> None:
-    """Remove what killed processes have left half-written in a folder and below, where nobody else writes now."""
-    for path in folder.rglob(f".*{_PARTIAL}*"):
-        path.unlink(missing_ok=True)
-
-
 def note(path: Path, what: str = "") -> None:
     """Remember that a file, or a folder of them, is whole: who interrupts a command is told.
 

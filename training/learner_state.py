@@ -81,6 +81,11 @@ def check_state(state: Any, model: VectorPPO, env: VecEnv) -> None:
     except (KeyError, TypeError, IndexError):
         raise ValueError("it holds no optimiser of this learner") from None
     check_like(state, like, "learner")
+    if not all(np.isfinite(weights).all() for weights in state["policy"].values()):
+        raise ValueError("learner.policy is not finite")
+    # NumPy itself would read wherever that points.
+    if state["generators"]["numpy"]["position"] > len(state["generators"]["numpy"]["keys"]):
+        raise ValueError("learner.generators.numpy.position is not possible")
 
 
 def _moments(parameter: torch.Tensor) -> dict[str, np.ndarray]:

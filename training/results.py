@@ -20,11 +20,11 @@ import numpy as np
 from agents import Policy
 from passloc_env import __version__
 from passloc_env.errors import InputError
-from passloc_env.reading import json_data, read_text
+from passloc_env.reading import json_data, read_bytes, read_text
 from passloc_env.scenario import Scenario
 from training.arguments import writable_folder
 from training.episodes import Scores, batches
-from training.files import clear_partials, json_text, write_whole
+from training.files import json_text, write_whole
 from training.lock import LOCK, held
 from training.stamp import stamp
 
@@ -34,6 +34,13 @@ BATCH = 1024
 _FORMAT = "passloc-results-1"
 _SETTINGS = "settings.json"
 _SEED, _SECONDS = "seed", "seconds_per_decision"
+_PLACE = re.compile(r"\d+-[\w.-]*")
+_HALF = re.compile(r"\.(settings|\d{9})\.\d+\.part\.(json|parquet)")
+"""Names of policies' folders, and of files that a killed process leaves half-written."""
+
+_FILE_LIMIT = 1 << 24
+"""Bytes that a batch may take."""
+
 _TRUTHS = [field.name for field in dataclasses.fields(Scores) if field.type == "BoolArray"]
 
 
@@ -92,21 +99,32 @@ class Results:
         return float(self._column(policy, _SECONDS).mean())
 
     def _column(self, policy: str, name: str) -> np.ndarray:
-        from pyarrow import ArrowException, parquet
-
         column = np.empty(self.episodes, bool if name in _TRUTHS else float)
         for first, count in self.batches:
             path = self.path(policy, first)
-            try:
-                with parquet.ParquetFile(path) as file:
-                    part = file.read(columns=[_SEED, name], use_threads=False)
-                seeds, values = part[_SEED].to_numpy(), part[name].to_numpy()
-            except (OSError, KeyError, ArrowException):
-                seeds = values = np.empty(0)
-            if not np.array_equal(seeds, np.arange(self.seed + first, self.seed + first + count)):
+            values = _read(path, name, np.arange(self.seed + first, self.seed + first + count))
+            if values is None:
                 raise InputError(f"{path} cannot be read: remove it, and run the same command again")
             column[first : first + count] = values
         return column
+
+
+def _read(path: Path, name: str, seeds: np.ndarray) -> np.ndarray | None:
+    """A column of the batch with these seeds; None where the file is missing, damaged or of another batch or kind."""
+    import pyarrow
+    from pyarrow import parquet
+
+    kinds = {_SEED: pyarrow.int64(), name: pyarrow.bool_() if name in _TRUTHS else pyarrow.float64()}
+    try:
+        with parquet.ParquetFile(io.BytesIO(read_bytes(path, _FILE_LIMIT))) as file:
+            known = all(file.schema_arrow.field(each).type == kind for each, kind in kinds.items())
+            if not known or file.metadata.num_rows != len(seeds):
+                return None
+            table = file.read(columns=list(kinds), use_threads=False)
+    except (InputError, OSError, KeyError, ValueError, pyarrow.ArrowException):
+        return None
+    whole = all(table[each].null_count == 0 for each in kinds) and np.array_equal(table[_SEED].to_numpy(), seeds)
+    return table[name].to_numpy() if whole else None
 
 
 class _StoredScores(Scores):
@@ -169,19 +187,37 @@ def opened_results(
         "seed": seed,
         "batch": BATCH,
     }
+    known = json.loads(json_text(settings))
+    _refuse_others(known, folder)
     with held(writable_folder(folder)):
-        clear_partials(folder)
-        _keep_to(json.loads(json_text(settings)), folder)
+        # Again: somebody may have begun meanwhile.
+        _refuse_others(known, folder)
+        for path in _left_behind(folder):
+            path.unlink(missing_ok=True)
+        if not (folder / _SETTINGS).exists():
+            write_whole(folder / _SETTINGS, json_text(settings))
         yield Results(folder, tuple(names), episodes, seed)
 
 
-def _keep_to(settings: dict[str, Any], folder: Path) -> None:
-    """InputError unless the folder is new or of the same settings."""
+def _left_behind(folder: Path) -> list[Path]:
+    """What killed processes have left half-written of results, and of nothing else, in their folder."""
+    places = [folder, *(path for path in folder.iterdir() if _PLACE.fullmatch(path.name) and not path.is_symlink())]
+    entries = [path for place in places if place.is_dir() for path in place.iterdir()]
+    return [path for path in entries if _HALF.fullmatch(path.name)]
+
+
+def _refuse_others(settings: dict[str, Any], folder: Path) -> None:
+    """InputError unless the folder is new or of the same settings; nothing is changed."""
     path = folder / _SETTINGS
+    if not folder.is_dir():
+        return
+    for entry in folder.iterdir():
+        if entry.is_symlink():
+            raise InputError(f"{entry} is a link: name another folder with --results")
     if not path.exists():
-        if any(entry.name != LOCK for entry in folder.iterdir()):
+        known = {LOCK, *(left.name for left in _left_behind(folder))}
+        if any(entry.name not in known for entry in folder.iterdir()):
             raise InputError(f"{folder} is not an empty folder: name another one with --results")
-        write_whole(path, json_text(settings))
         return
     try:
         found = json_data(read_text(path))

@@ -16,6 +16,7 @@ import pytest
 pytest.importorskip("rich")
 pytest.importorskip("pyarrow")
 
+import pyarrow
 from pyarrow import parquet
 
 from agents import find_policy
@@ -202,6 +203,59 @@ def test_a_file_of_other_episodes_is_named(tmp_path):
     first, second = files_in(tmp_path / "0-circle")[:2]
     first.write_bytes(second.read_bytes())
     with pytest.raises(InputError, match=f"{first.name} cannot be read: remove it"):
+        evaluation.scores["circle"].end_error.sum()
+
+
+def test_a_refused_folder_is_left_as_it_is(tmp_path):
+    """Not even what looks half-written is removed where nothing of ours is, nor a lock left there."""
+    theirs = [".thesis.partial", ".notes.1.part", "project/.clone.7.part.json", "0-circle/.000000008.1.part.parquet"]
+    for name in (*theirs, "notes.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("precious", encoding="utf-8")
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+    with pytest.raises(InputError, match="is not an empty folder"):
+        evaluated(tmp_path)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
+
+
+def test_a_link_is_not_written_through(tmp_path):
+    folder, elsewhere = tmp_path / "kept", tmp_path / "elsewhere"
+    evaluated(folder)
+    (folder / "0-circle").rename(elsewhere)
+    (folder / "0-circle").symlink_to(elsewhere)
+    (elsewhere / "000000000.parquet").unlink()
+    with pytest.raises(InputError, match="0-circle is a link: name another folder"):
+        evaluated(folder)
+    assert not (elsewhere / "000000000.parquet").exists()
+
+
+SEEDS = np.arange(SEED, SEED + BATCH)
+STRANGE = {
+    "texts": {"seed": SEEDS, "end_error": ["1.0"] * BATCH},
+    "lists": {"seed": SEEDS, "end_error": [[1.0]] * BATCH},
+    "nothing": {"seed": SEEDS, "end_error": pyarrow.array([1.0, None, 1.0, 1.0])},
+    "whole numbers": {"seed": SEEDS, "end_error": SEEDS},
+    "instants": {"seed": SEEDS, "end_error": SEEDS.astype("datetime64[s]")},
+    "too many": {"seed": np.arange(SEED, SEED + 9), "end_error": np.zeros(9)},
+    "no seeds": {"end_error": np.zeros(BATCH)},
+}
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_what_holds_no_scores_is_named(tmp_path, name):
+    evaluation = evaluated(tmp_path)
+    path = files_in(tmp_path / "0-circle")[0]
+    parquet.write_table(pyarrow.table(STRANGE[name]), path)
+    with pytest.raises(InputError, match=f"{path.name} cannot be read: remove it"):
+        evaluation.scores["circle"].end_error.sum()
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    evaluation = evaluated(tmp_path)
+    path = files_in(tmp_path / "0-circle")[0]
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(InputError, match=f"{path.name} cannot be read: remove it"):
         evaluation.scores["circle"].end_error.sum()
 
 

@@ -122,6 +122,7 @@ def change(*path: str | int, to: object) -> Change:
 
 
 ENVIRONMENT = ("learner", "env", "inner", "inner", "own")
+COUNTS = (*ENVIRONMENT, "env", "arrays", "simulation.step_count")
 STRANGE = {
     "a text for a counter": change("learner", "counters", "num_timesteps", to="abc"),
     "a negative counter": change("learner", "counters", "num_timesteps", to=-1),
@@ -144,6 +145,10 @@ STRANGE = {
     "a generator with too few words": change("learner", "generators", "python", 1, to=[1, 2]),
     "a generator with too large a word": change("learner", "generators", "python", 1, 0, to=2**70),
     "a position beyond the end": change("learner", "generators", "numpy", "position", to=2**70),
+    "a position just beyond it": change("learner", "generators", "numpy", "position", to=625),
+    "a step before the first": change(*COUNTS, to=lambda counts: counts - 10**7),
+    "a step after the last": change(*COUNTS, to=lambda counts: counts + 10**7),
+    "weights that are none": change("learner", "policy", "action_net.weight", to=lambda array: array * np.nan),
     "another state of torch": change("learner", "generators", "torch", to=lambda array: np.full_like(array, 255)),
     "another generator": change(*ENVIRONMENT, "env", "generators", 0, "bit_generator", to="MT19937"),
     "a generator of text": change(*ENVIRONMENT, "env", "generators", 0, "state", to="abc"),
