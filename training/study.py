@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,10 @@ from optuna.trial import TrialState
 from sqlalchemy import URL
 from sqlalchemy.exc import SQLAlchemyError
 
-from passloc_env.errors import InputError
+from passloc_env.errors import InputError, one_line
 
 _NAME, _SETTINGS = "passloc", "settings"
+_PROGRAMS = "SELECT count(*) FROM sqlite_master WHERE type IN ('trigger', 'view')"
 _DONE = (TrialState.COMPLETE, TrialState.PRUNED)
 _HOPELESS, _FAIR_TRIALS = 75.0, 5
 """Training is given up in the worst quarter, once so many trials have been through to compare with."""
@@ -36,6 +38,7 @@ def opened_study(path: Path, settings: dict[str, Any]) -> Iterator[optuna.Study]
         InputError: the file is no study, cannot be opened, or holds trials of other settings.
     """
     optuna.logging.set_verbosity(optuna.logging.WARNING)
+    _refuse_programs(path)
     try:
         storage = optuna.storages.RDBStorage(URL.create("sqlite", database=str(path)).render_as_string())
         study = optuna.create_study(storage=storage, study_name=_NAME, load_if_exists=True)
@@ -50,6 +53,19 @@ def opened_study(path: Path, settings: dict[str, Any]) -> Iterator[optuna.Study]
     finally:
         storage.remove_session()
         storage.engine.dispose()
+
+
+def _refuse_programs(path: Path) -> None:
+    """InputError for a database that does something by itself when it is written to: Optuna's have no triggers."""
+    if not path.is_file():
+        return
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
+            (programs,) = database.execute(_PROGRAMS).fetchone()
+    except sqlite3.Error as error:
+        raise InputError(f"{path} cannot be used as the memory of a search: {one_line(error)}") from None
+    if programs:
+        raise InputError(f"{path} cannot be used as the memory of a search: it holds triggers or views")
 
 
 def _keep_to(settings: dict[str, Any], study: optuna.Study, path: Path) -> None:

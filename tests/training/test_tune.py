@@ -1,7 +1,9 @@
 """The search at its smallest: it goes on where it stopped, however it stopped, and writes what training takes."""
 
+import contextlib
 import dataclasses
 import io
+import sqlite3
 
 import pytest
 
@@ -248,6 +250,17 @@ def test_nothing_is_said_of_a_trials_own_agent(arguments):
     files.forget()
     tune(arguments)
     assert files.saved() == [str(arguments.out / "best.yaml")]
+
+
+def test_a_study_that_does_something_by_itself_is_refused(arguments, cheap):
+    """A trigger of a stranger's runs as often as it likes."""
+    tune(arguments)
+    with contextlib.closing(sqlite3.connect(arguments.out / "study.db")) as database:
+        database.execute("CREATE TRIGGER theirs AFTER INSERT ON trials BEGIN DELETE FROM trials; END")
+        database.commit()
+    with pytest.raises(InputError, match=r"study\.db cannot be used .* it holds triggers or views"):
+        tune(arguments)
+    assert len(trials_in(arguments.out)) == arguments.trials
 
 
 @pytest.mark.parametrize("name", ["with spaces", "per%20cent", "{braces}", "what?#now", "Größe"])
