@@ -25,7 +25,7 @@ _DIGEST = "weights_sha256"
 WEIGHTS_LIMIT = 1 << 26
 """Bytes that the weights of an agent may take: sixteen million numbers."""
 
-_SIZES = 100
+SIZES_LIMIT = 100
 """Layer sizes that an actor may have."""
 
 _HEADER_LIMIT = 1 << 16
@@ -166,8 +166,8 @@ def _check_networks(architecture: Any, observation: Any) -> None:
         raise ValueError("architecture must hold an actor")
     sizes = architecture["actor"]
     whole = isinstance(sizes, list) and all(type(size) is int and size > 0 for size in sizes)
-    if not whole or not 2 <= len(sizes) <= _SIZES or sizes[0] != len(observation):
-        raise ValueError(f"actor must list its 2 to {_SIZES} layer sizes, from the {len(observation)} features on")
+    if not whole or not 2 <= len(sizes) <= SIZES_LIMIT or sizes[0] != len(observation):
+        raise ValueError(f"actor must list its 2 to {SIZES_LIMIT} layer sizes, from the {len(observation)} features on")
 
 
 def _check_flight(mirror: Any, sigmas: Any) -> None:

@@ -26,6 +26,9 @@ _ITEMS = 50_000
 _DIGITS = 100
 """How deeply plain data may be nested, how many values it usually may hold, and how long its whole numbers may be."""
 
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+"""What YAML calls whole and other numbers."""
+
 
 def open_regular(path: Path) -> BinaryIO:
     """A file opened for reading; never a folder, a pipe or a device, which might have no end.
@@ -112,10 +115,11 @@ def yaml_data(text: str) -> Any:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """PyYAML's safe loader, that does not follow aliases into the endless.
+    """PyYAML's safe loader, that neither follows aliases into the endless nor counts to base 60.
 
     An alias costs a few letters and stands for as much as one likes, itself even; so each node is counted as often as
-    it is meant, while the text is read.
+    it is meant, while the text is read. ``1:30`` is a text here, as in YAML 1.2, and not the number 90: a long one
+    would take time that grows with the square of its length.
     """
 
     def __init__(self, text: str) -> None:
@@ -150,6 +154,18 @@ class _PlainLoader(yaml.SafeLoader):
             if times > 1:
                 raise InputError(f"{shown(name)} stands there twice")
         return node
+
+    def resolve(self, kind: type[yaml.Node], value: Any, implicit: Any) -> str:
+        """The tag of a node that bears none."""
+        tag = super().resolve(kind, value, implicit)
+        return self.DEFAULT_SCALAR_TAG if tag in _NUMBERS and ":" in value else tag
+
+    def construct_scalar(self, node: yaml.Node) -> Any:
+        """The text of a scalar; InputError for one to base 60 that its tag calls a number."""
+        text = super().construct_scalar(node)
+        if node.tag in _NUMBERS and ":" in text:
+            raise InputError(f"{shown(text)} is no number")
+        return text
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

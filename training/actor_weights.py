@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from agents.agent_file import WEIGHTS_LIMIT
+from agents.agent_file import SIZES_LIMIT, WEIGHTS_LIMIT
 from passloc_env.errors import InputError, shown
 from training.archives import open_archive
 
@@ -40,11 +40,14 @@ def actor_layers(content: bytes) -> list[Layer]:
     if numbers != list(range(0, 2 * len(numbers), 2)):
         raise InputError("has other layers than an actor with tanh between them")
     names = [*(f"mlp_extractor.policy_net.{number}" for number in numbers), "action_net"]
-    layers = [(_array(state, f"{name}.weight", 2), _array(state, f"{name}.bias", 1)) for name in names]
-    widths = [(weight.shape[0], len(bias)) for weight, bias in layers]
-    fed = [(before.shape[0], after.shape[1]) for (before, _), (after, _) in itertools.pairwise(layers)]
-    if any(one != other for one, other in widths + fed):
-        raise InputError("has layers that do not fit each other")
+    if len(names) >= SIZES_LIMIT:
+        raise InputError(f"has {len(names)} layers, more than the {SIZES_LIMIT - 1} that an agent may have")
+    tensors = [(_tensor(state, f"{name}.weight", 2), _tensor(state, f"{name}.bias", 1)) for name in names]
+    _check_sizes(tensors)
+    layers = [(weight.detach().numpy().copy(), bias.detach().numpy().copy()) for weight, bias in tensors]
+    for name, (weight, bias) in zip(names, layers, strict=True):
+        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+            raise InputError(f"has a {name} that is not finite")
     return layers
 
 
@@ -62,8 +65,8 @@ def _state(content: bytes) -> dict[Any, Any]:
     return state
 
 
-def _array(state: dict[Any, Any], name: str, axes: int) -> np.ndarray:
-    """An array of the weights; InputError unless it is plain, of some size, and finite."""
+def _tensor(state: dict[Any, Any], name: str, axes: int) -> torch.Tensor:
+    """A tensor of the weights, as it is in the file; InputError unless it is plain and of some size."""
     tensor = state.get(name)
     plain = ("cpu", torch.float32, torch.strided, axes)
     if (
@@ -72,10 +75,15 @@ def _array(state: dict[Any, Any], name: str, axes: int) -> np.ndarray:
         or not tensor.numel()
     ):
         raise InputError(f"has no {name} of {axes} axes and single precision")
-    # A tensor may claim to be far larger than what it stands on.
-    if tensor.numel() * tensor.element_size() > WEIGHTS_LIMIT:
-        raise InputError(f"has a {name} that is larger than an agent may be")
-    array = tensor.detach().numpy().copy()
-    if not np.isfinite(array).all():
-        raise InputError(f"has a {name} that is not finite")
-    return array
+    return tensor
+
+
+def _check_sizes(layers: list[tuple[torch.Tensor, torch.Tensor]]) -> None:
+    """InputError for layers that do not fit each other, or that are too large together."""
+    widths = [(weight.shape[0], len(bias)) for weight, bias in layers]
+    fed = [(before.shape[0], after.shape[1]) for (before, _), (after, _) in itertools.pairwise(layers)]
+    if any(one != other for one, other in widths + fed):
+        raise InputError("has layers that do not fit each other")
+    # A tensor may claim to be far larger than what it stands on, so that the size of the file bounds nothing.
+    if sum(tensor.numel() * tensor.element_size() for layer in layers for tensor in layer) > WEIGHTS_LIMIT:
+        raise InputError("has weights that are larger than those of an agent may be")

@@ -5,14 +5,14 @@ from __future__ import annotations
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-console = Console()
-"""Where tables and bars go; colour only on a terminal."""
+console = Console(markup=False, emoji=False)
+"""Where tables and bars go; colour only on a terminal, and every text as it is: paths and names may hold brackets."""
 
 
 def progress_bar(unit: str, shown: bool = True) -> Progress:
     """A bar with elapsed and remaining time, shown only on a terminal."""
     return Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn(unit),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 
+from rich.text import Text
+
 from passloc_env.errors import InputError
 from training.arguments import check_seed, writable_folder
 from training.commands import Reproduce
@@ -42,8 +44,8 @@ def reproduce(arguments: Reproduce) -> list[Reproduction]:
 def _print(reproduction: Reproduction, seconds: float) -> None:
     for claim in reproduction.claims:
         measured = claim.measured if isinstance(claim.measured, str) else f"{claim.measured:.4g}"
-        colour = _COLOURS[claim.verdict]
-        console.print(f"    [{colour}]{claim.verdict:16s}[/] {claim.claim}: {measured}", highlight=False)
+        verdict = (f"{claim.verdict:16s}", _COLOURS[claim.verdict])
+        console.print(Text.assemble("    ", verdict, f" {claim.claim}: {measured}"))
     console.print(f"    {len(reproduction.claims)} claims in {seconds:.0f} s", highlight=False)
     if reproduction.caution:
         console.print(f"    {reproduction.caution}", highlight=False)

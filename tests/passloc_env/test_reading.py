@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from passloc_env import Scenario, ScenarioError
 from passloc_env.errors import InputError
@@ -39,6 +40,8 @@ MERGES = "a: &a {k: 1}\n" + "".join(
         ("2001-99-99", "month"),
         ("!!int ''", "index"),
         ("!!timestamp x", "NoneType"),
+        ("!!int 1:30", "'1:30' is no number"),
+        ("!!float {=: 1:30}", "'1:30' is no number"),
         ('"\\ud800"', "half a character"),
         ("? [a]\n: 1", "unhashable key"),
         ("a\x00b", "special characters"),
@@ -139,6 +142,16 @@ def test_messages_are_one_short_line(data: dict[str, Any]) -> None:
     message = str(caught.value)
     assert message.isprintable()
     assert len(message) < 2000
+
+
+def test_numbers_to_base_60_are_texts() -> None:
+    """Such a number takes time with the square of its length; all other numbers are those of PyYAML."""
+    for text in ("1:1:1", "-1:30", "1:30.5", "1" + ":1" * 100_000):
+        assert yaml_data(f"a: {text}") == {"a": text}
+    others = "[12, -7, 1_000, 0x1F, 0b11, 017, 1.5, -.5, 1.0e+3, .inf, 1e3, 2001-12-14 21:59:43, 2001-12-14]"
+    assert yaml_data(others) == yaml.safe_load(others)
+    with pytest.raises(ScenarioError, match=r"^episode.steps = '1:1:1' "):
+        Scenario.from_dict(yaml_data("episode: {steps: 1:1:1}"))
 
 
 def refused(read: Callable[[], Any], reason: str = "") -> None:

@@ -4,6 +4,7 @@ import io
 import json
 import os
 import pickle
+import tracemalloc
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -18,10 +19,11 @@ from stable_baselines3 import A2C, PPO, SAC
 from stable_baselines3.common.vec_env import VecNormalize
 
 from agents import LearnedPolicy
-from agents.agent_file import WEIGHTS
+from agents.agent_file import WEIGHTS, WEIGHTS_LIMIT
 from passloc_env import SCENARIOS, observation_names
 from passloc_env.errors import InputError
 from passloc_env.sb3 import make_vec_env
+from training.actor_weights import actor_layers
 from training.convert import converted
 
 SCENARIO = SCENARIOS["BearingsOnly"]
@@ -188,7 +190,7 @@ def test_weights_that_are_packed(packed: Any, members: dict[str, bytes]) -> None
         ("action_net.bias", torch.full((1,), torch.nan), "not finite"),
         ("action_net.weight", torch.zeros(1, 63), "do not fit each other"),
         ("action_net.weight", torch.zeros(1, 64, dtype=torch.float64), "single precision"),
-        ("action_net.weight", torch.zeros(1).expand(10**6, 10**6), "larger than an agent may be"),
+        ("action_net.weight", torch.zeros(1).expand(10**6, 10**6), "do not fit each other"),
         ("action_net.weight", torch.zeros(1, 64).to_sparse(), "single precision"),
         ("action_net.weight", [0.0], "single precision"),
         ("features_extractor.0.weight", torch.zeros(1), "only actors of plain layers"),
@@ -205,6 +207,39 @@ def test_weights_of_another_kind(name: str, value: Any, words: str | None, packe
         assert converted(path, SCENARIO).layers
     else:
         assert words in refusal(path)
+
+
+def layers_of_one_number(hidden: int, width: int) -> bytes:
+    """Weights of a file of a few kilobytes: as many hidden layers of that width, each a view of a single zero."""
+    file, zero = io.BytesIO(), torch.zeros(1)
+    names = [*(f"mlp_extractor.policy_net.{2 * i}" for i in range(hidden)), "action_net"]
+    state = {f"{name}.weight": zero.expand(width, width) for name in names}
+    torch.save(state | {f"{name}.bias": zero.expand(width) for name in names}, file)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("hidden", "width", "words"),
+    [
+        (1, 2896, "larger than those of an agent"),
+        (16, 2048, "larger than those of an agent"),
+        (99, 1, "100 layers, more than the 99"),
+    ],
+)
+def test_weights_that_are_small_one_by_one(hidden: int, width: int, words: str) -> None:
+    """Refused by what all of them claim together, before any is written out; each alone would be let through."""
+    content = layers_of_one_number(hidden, width)
+    assert 4 * width * width < WEIGHTS_LIMIT
+    tracemalloc.start()
+    with pytest.raises(InputError, match=words):
+        actor_layers(content)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1 << 22
+
+
+def test_the_deepest_actor_is_let_through() -> None:
+    assert len(actor_layers(layers_of_one_number(98, 1))) == 99
 
 
 def test_models_that_would_fly_otherwise(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ _LINEAR_FROM = 1024
 
 def write_page(results: Results, folder: Path) -> None:
     """Write ``README.md`` and ``growth.png``."""
-    console = Console(file=io.StringIO(), record=True, width=100)
+    console = Console(file=io.StringIO(), record=True, width=100, markup=False, emoji=False)
     show(results, console)
     growth = exponent(results.stepping)
     said = "" if growth is None else f" Above N = {_LINEAR_FROM} it grows as N to the power of {growth:.2f}."

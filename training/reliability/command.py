@@ -71,7 +71,7 @@ def _fly_one(record: Record, number: int) -> None:
     def tell(what: str) -> None:
         line = f"seed {record.seed}, leg {number} ({leg.scenario.name}, {tracker}): {what}"
         record.faults.append(line)
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
+        console.print(line, highlight=False, soft_wrap=True)
 
     record.add(leg.scenario.name, fly_leg(leg, _LEG, tell))
 
