@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 import tomllib
 from pathlib import Path
 from types import ModuleType
@@ -88,4 +89,19 @@ def test_every_dependency_is_pinned_within_its_bounds():
         version = pinned[audit.canonicalize_name(requirement.name)]
         assert requirement.specifier.contains(version), requirement
         assert [each.operator for each in requirement.specifier] == [">="], requirement
-    assert lowest.lowest([]) == [each.replace(">=", "==") for each in project["dependencies"]]
+
+
+def test_the_lowest_versions_are_single_ones_of_what_is_wanted():
+    core, export = lowest.lowest([]), lowest.lowest(["export"])
+    assert all(re.fullmatch(r"[A-Za-z0-9_.-]+==[0-9.]+", each) for each in export)
+    assert {each.partition("==")[0] for each in export} - {each.partition("==")[0] for each in core} == {
+        "pyarrow",
+        "stonesoup",
+    }
+    assert "numpy==2.1" in core
+
+
+def test_no_torch_is_allowed_whose_reading_of_weights_alone_is_unsafe():
+    """CVE-2026-24747 (GHSA-63cw-57p8-fm3p): ``weights_only=True`` does not protect before 2.10.0."""
+    (torch,) = (each for each in lowest.lowest(["train"]) if each.startswith("torch=="))
+    assert audit.Version(torch.removeprefix("torch==")) >= audit.Version("2.10.0")
