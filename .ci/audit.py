@@ -1,7 +1,8 @@
 """Compare pinned versions with known advisories: ``python .ci/audit.py constraints.txt [FOLDER]``.
 
 FOLDER holds advisories as OSV publishes them, one JSON file each, for instance the unpacked archive of its PyPI
-ecosystem. Without one, or when it holds none, the audit is skipped and says so; it never passes for done.
+ecosystem. Without one the audit is skipped and says so, and a FOLDER that holds none is an error: neither passes for
+done.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ def advisories(folder: Path) -> Iterator[dict[str, Any]]:
     """All advisories of a folder that have not been withdrawn."""
     for path in sorted(folder.rglob("*.json")):
         advisory = json.loads(path.read_text(encoding="utf-8"))
-        if "withdrawn" not in advisory:
+        if not advisory.get("withdrawn"):
             yield advisory
 
 
@@ -40,48 +41,55 @@ def concerned(advisory: dict[str, Any], pinned: dict[str, Version]) -> Iterator[
         version = pinned.get(canonicalize_name(package.get("name", "")))
         if package.get("ecosystem") != "PyPI" or version is None:
             continue
-        if str(version) in affected.get("versions", ()) or any(map(_within(version), affected.get("ranges", ()))):
+        if _listed(version, affected.get("versions", ())) or any(map(_within(version), affected.get("ranges", ()))):
             yield f"{package['name']} {version}: {advisory['id']} {advisory.get('summary', '')}".strip()
 
 
-def _within(version: Version) -> Any:
-    """Whether a version lies in a range of an advisory: from where it was introduced to where it was fixed."""
+def _listed(version: Version, texts: Iterable[str]) -> bool:
+    """Whether a version is among those that an advisory lists, however it spells them."""
+    return any(_version(text) == version for text in texts)
+
+
+def _within(version: Version) -> Callable[[dict[str, Any]], bool]:
+    """Whether a version lies in a range of an advisory: from where it was introduced to where it was fixed.
+
+    Where an end of the range is no version, nobody can tell, and the version counts as concerned.
+    """
 
     def within(span: dict[str, Any]) -> bool:
         if span.get("type") != "ECOSYSTEM":
             return False
+        events = [(_version(text), kind) for event in span.get("events", ()) for kind, text in event.items()]
+        if any(place is None for place, _ in events):
+            return True
         inside = False
-        for event in sorted(span["events"], key=_place):
-            kind, place = next(iter(event.items()))
-            if kind == "introduced" and version >= _version(place):
+        for place, kind in sorted(events):
+            if kind == "introduced" and version >= place:
                 inside = True
-            elif (kind == "fixed" and version >= _version(place)) or (
-                kind == "last_affected" and version > _version(place)
-            ):
+            elif (kind == "fixed" and version >= place) or (kind == "last_affected" and version > place):
                 inside = False
         return inside
 
     return within
 
 
-def _place(event: dict[str, str]) -> Version:
-    return _version(next(iter(event.values())))
-
-
-def _version(text: str) -> Version:
+def _version(text: str) -> Version | None:
     try:
         return Version(text)
     except InvalidVersion:
-        return Version("0")
+        return None
 
 
 def main(constraints: str, folder: str = "") -> int:
-    """Print what is known against the pinned versions; 1 if there is anything."""
+    """Print what is known against the pinned versions; 1 if there is anything, 2 if the folder holds no advisory."""
     pinned = pins(Path(constraints))
-    stored = list(advisories(Path(folder))) if folder and Path(folder).is_dir() else []
-    if not stored:
+    if not folder:
         print(SKIPPED.format(count=len(pinned)))
         return 0
+    stored = list(advisories(Path(folder)))
+    if not stored:
+        print(f"folder = {folder!r} is not possible: it must hold advisories as .json files", file=sys.stderr)
+        return 2
     findings = sorted({finding for advisory in stored for finding in concerned(advisory, pinned)})
     print("\n".join(findings) or f"{len(stored)} advisories say nothing against {len(pinned)} pinned versions")
     return 1 if findings else 0

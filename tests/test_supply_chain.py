@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 import tomllib
 from pathlib import Path
 from types import ModuleType
@@ -70,11 +71,55 @@ def test_withdrawn_advisories_and_other_ecosystems_say_nothing(tmp_path, capsys)
     assert "1 advisories say nothing against 1 pinned versions" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("folder", ["", "nowhere", "empty"])
-def test_an_audit_that_cannot_be_made_says_so(folder, tmp_path, capsys):
-    (tmp_path / "empty").mkdir()
-    assert audit.main(str(ROOT / "constraints.txt"), str(tmp_path / folder) if folder else "") == 0
+@pytest.fixture
+def findings(tmp_path):
+    """What an advisory that lies in a folder says against a version of ``mine``."""
+
+    def found(said, version):
+        (tmp_path / "a.json").write_text(json.dumps(said), encoding="utf-8")
+        pinned = {"mine": audit.Version(version)}
+        return [line for each in audit.advisories(tmp_path) for line in audit.concerned(each, pinned)]
+
+    return found
+
+
+UNREADABLE = [
+    advisory("mine", [{"introduced": "0"}, {"fixed": "9.9.9-some.odd"}]),
+    advisory("mine", [{"introduced": "0"}, {"last_affected": "the first"}]),
+    advisory("mine", [{"introduced": "long ago"}, {"fixed": "2.0"}]),
+]
+NEVER_WITHDRAWN = advisory("mine", FIXED, withdrawn=None)
+IN_ONE_EVENT = advisory("mine", [{"introduced": "0", "fixed": "2.0"}])
+
+
+@pytest.mark.parametrize("said", [*UNREADABLE, NEVER_WITHDRAWN, IN_ONE_EVENT])
+def test_whoever_may_be_concerned_counts_as_concerned(said, findings):
+    assert findings(said, "1.0") == ["mine 1.0: TEST-1 it is bad"]
+
+
+@pytest.mark.parametrize(("spelling", "found"), [("1.0", True), ("1.0.0", True), ("v1", True), ("1.0.1", False)])
+def test_versions_are_compared_as_such(spelling, found, findings):
+    listed = advisory("mine", [])
+    listed["affected"][0]["versions"] = ["0.5", "not-a-version", spelling]
+    assert bool(findings(listed, "1.0")) == found
+
+
+def test_an_audit_without_advisories_says_that_it_is_skipped(capsys):
+    assert audit.main(str(ROOT / "constraints.txt")) == 0
     assert capsys.readouterr().out.startswith("NOTICE: no stored advisories: the audit of ")
+
+
+@pytest.mark.parametrize("folder", ["nowhere", "empty", "withdrawn"])
+def test_a_folder_without_advisories_is_refused(folder, tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "withdrawn").mkdir()
+    gone = advisory("numpy", FIXED, withdrawn="2026-01-01T00:00:00Z")
+    (tmp_path / "withdrawn" / "a.json").write_text(json.dumps(gone), encoding="utf-8")
+    assert audit.main(str(ROOT / "constraints.txt"), str(tmp_path / folder)) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    expected = f"folder = {str(tmp_path / folder)!r} is not possible: it must hold advisories as .json files\n"
+    assert captured.err == expected
 
 
 def test_every_dependency_is_pinned_within_its_bounds():
@@ -88,4 +133,19 @@ def test_every_dependency_is_pinned_within_its_bounds():
         version = pinned[audit.canonicalize_name(requirement.name)]
         assert requirement.specifier.contains(version), requirement
         assert [each.operator for each in requirement.specifier] == [">="], requirement
-    assert lowest.lowest([]) == [each.replace(">=", "==") for each in project["dependencies"]]
+
+
+def test_the_lowest_versions_are_single_ones_of_what_is_wanted():
+    core, export = lowest.lowest([]), lowest.lowest(["export"])
+    assert all(re.fullmatch(r"[A-Za-z0-9_.-]+==[0-9.]+", each) for each in export)
+    assert {each.partition("==")[0] for each in export} - {each.partition("==")[0] for each in core} == {
+        "pyarrow",
+        "stonesoup",
+    }
+    assert "numpy==2.1" in core
+
+
+def test_no_torch_is_allowed_whose_reading_of_weights_alone_is_unsafe():
+    """CVE-2026-24747 (GHSA-63cw-57p8-fm3p): ``weights_only=True`` does not protect before 2.10.0."""
+    (torch,) = (each for each in lowest.lowest(["train"]) if each.startswith("torch=="))
+    assert audit.Version(torch.removeprefix("torch==")) >= audit.Version("2.10.0")

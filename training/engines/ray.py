@@ -75,6 +75,8 @@ class Ray:
         ray.shutdown()
 
     def _open(self) -> None:
+        # Otherwise Ray reports to its makers how it is used, from the machine that starts the cluster.
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         quiet = {"log_to_driver": False, "logging_level": "error"}
         with _same_end():
             if self._address:
