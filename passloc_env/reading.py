@@ -157,10 +157,10 @@ class _PlainLoader(yaml.SafeLoader):
 
     def resolve(self, kind: type[yaml.Node], value: Any, implicit: Any) -> str:
         """The tag of a node that bears none."""
-        tag = super().resolve(kind, value, implicit)
+        tag: str = super().resolve(kind, value, implicit)  # type: ignore[no-untyped-call]
         return self.DEFAULT_SCALAR_TAG if tag in _NUMBERS and ":" in value else tag
 
-    def construct_scalar(self, node: yaml.Node) -> Any:
+    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
         """The text of a scalar; InputError for one to base 60 that its tag calls a number."""
         text = super().construct_scalar(node)
         if node.tag in _NUMBERS and ":" in text:
