@@ -21,6 +21,9 @@ from passloc_env.platforms import Platform, Pose
 from passloc_env.sensor_suite import SensorSuite
 from passloc_env.sensors import Bearing, Sensor
 
+THINNEST = 1e-7
+"""Cross-range uncertainty as a share of that in range, at least: a Cartesian covariance in doubles holds no thinner."""
+
 
 @dataclass
 class FirstLook:
@@ -157,8 +160,8 @@ class CourselessPrior(BearingPrior):
 
     def _spread(self, look: FirstLook, bearing: Array, across: Array) -> tuple[Array, Array]:
         mean, covariance = blank(look, self.acceleration_sigma, len(bearing))
-        layout = look.layout
-        covariance[layout.position, layout.position] = polar_covariance(bearing, self.range_sigma, across)
+        layout, wide = look.layout, np.maximum(across, THINNEST * self.range_sigma)
+        covariance[layout.position, layout.position] = polar_covariance(bearing, self.range_sigma, wide)
         for row in range(layout.velocity.start, layout.velocity.stop):
             covariance[row, row] = np.square(self.velocity_sigma)
         return mean, covariance

@@ -11,6 +11,7 @@ from scipy import stats
 from passloc_env.angles import direction
 from passloc_env.errors import ScenarioError
 from passloc_env.layout import StateLayout
+from passloc_env.linalg import unsound
 from passloc_env.metrics import nees
 from passloc_env.motion import ConstantAcceleration
 from passloc_env.nuisance import Nuisance
@@ -22,7 +23,7 @@ from passloc_env.sensors import Bearing, Doppler, Sensor
 from passloc_env.simulation import Simulation
 from passloc_env.target import CartesianStart, PolarStart, Target
 from passloc_env.tracking import Prior, RangePrior, ScatteredPrior, UnscentedKalman
-from passloc_env.tracking.initialisation import FirstLook
+from passloc_env.tracking.initialisation import THINNEST, FirstLook
 
 SIGMA, RANGE, BEARING = 0.02, 8e3, 2.0
 SENSORS: tuple[Sensor, ...] = (Doppler(sigma=1.0, carrier=1e9), Bearing(sigma=SIGMA))
@@ -94,6 +95,24 @@ def test_ranges_never_fall_below_the_smallest() -> None:
     np.testing.assert_allclose(np.hypot(*(mean[:2] - OWN)), 1.5e3)
     across = along_and_across(covariance[..., 0])[1, 1]
     assert across == pytest.approx((1.5e3 * SIGMA) ** 2)
+
+
+def test_beliefs_right_beside_the_array_can_be_factored() -> None:
+    """A millimetre across and 60 km along, on any bearing, asked for; what is given has pivots that are no rounding."""
+    look = first_look(500, seed=3)
+    look.measurement[1] = np.linspace(-math.pi, math.pi, 500)
+    look.normals[0] = -100.0
+    _, covariance = replace(PRIOR, range_sigma=60e3, min_range=0.05).start(look)
+    assert not unsound(covariance).any()
+
+
+def test_no_shipped_prior_is_widened() -> None:
+    """At the smallest range that it draws, every one is as thin as its bearing says."""
+    priors = [(s.prior, s.sensors[s.prior.sensor]) for s in SCENARIOS.values() if isinstance(s.prior, ScatteredPrior)]
+    assert len(priors) == 5
+    for prior, sensor in priors:
+        assert isinstance(sensor, Bearing)
+        assert prior.min_range * sensor.sigma > THINNEST * prior.range_sigma
 
 
 @pytest.mark.parametrize("order", [1, 2])
