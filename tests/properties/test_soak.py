@@ -232,3 +232,45 @@ def test_a_soak_sees_what_it_looks_for(monkeypatch):
     assert told("step", fail)[1] == ["RuntimeError: as wanted"]
     tally, lines = told("step", repair)
     assert (tally.repairs, lines) == (3, [])
+
+
+def final_observation(env, observation, info):
+    """Of the first episode that has just ended."""
+    ended = info.get("_final_obs", np.zeros(1, bool))
+    return info["final_obs"][ended.argmax()] if ended.any() else None
+
+
+def final(name):
+    """What the last info of episodes says."""
+    return lambda env, observation, info: info["final_info"][name] if "final_info" in info else None
+
+
+PLANTED = {
+    "the first observation": ("reset", lambda env, observation, info: observation, "not finite"),
+    "the first info": ("reset", lambda env, observation, info: info["nees"], "not finite"),
+    "the first belief": ("reset", lambda env, observation, info: env.batch.tiles[0].track.mean, "not finite"),
+    "the last observation": ("step", final_observation, "not finite"),
+    "the last info": ("step", final("nees"), "not finite"),
+    "the last covariance": ("step", final("covariance"), "not positive definite"),
+}
+
+
+@pytest.mark.parametrize("where", PLANTED)
+def test_a_soak_judges_first_and_last_states(where, monkeypatch):
+    """Where finished environments begin anew in the same step, nobody else sees how their episodes ended."""
+    method, find, expected = PLANTED[where]
+    leg = next(leg for leg in (draw(0, number, most=8) for number in range(50)) if leg.mode == "SameStep")
+    found, lines = getattr(LocalisationVectorEnv, method), []
+
+    def spoilt(env, *args, **keywords):
+        result = found(env, *args, **keywords)
+        array = find(env, result[0], result[-1])
+        if array is not None:
+            array[...] = np.nan
+        return result
+
+    steps = leg.environments * leg.scenario.episode.steps
+    assert fly_leg(draw(0, leg.number, most=8), steps, lines.append).sound
+    monkeypatch.setattr(LocalisationVectorEnv, method, spoilt)
+    fly_leg(leg, steps, lines.append)
+    assert any(expected in line for line in lines)

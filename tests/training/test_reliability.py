@@ -18,7 +18,7 @@ from training.reliability import command
 from training.reliability.flight import Tally, indefinite
 from training.reliability.leg import Leg, draw
 from training.reliability.page import page
-from training.reliability.record import MOST_GROWTH, Record
+from training.reliability.record import LONG, MOST_GROWTH, Record
 from training.reliability.survival import FAULTS, TRACKED, cases
 
 Said = tuple[int, str, str]
@@ -139,6 +139,9 @@ def test_the_growth_is_the_slope_of_the_second_half() -> None:
     record.memory = [(s, (MOST_GROWTH + 1.0) / 3.0 * m) for s, m in record.memory]
     assert record.broken() == [f"memory grows by 5.0 MiB per million steps, {MOST_GROWTH:g} are allowed"]
     assert "What broke:\n\n- memory grows" in page(record, 1)
+    record.memory = record.memory[: LONG // 250_000 - 1]
+    assert record.broken() == []
+    assert "memory is not looked at in so short a soak.**" in page(record, 1)
 
 
 def test_too_many_repairs_break_the_promise() -> None:
@@ -153,8 +156,15 @@ def test_indefinite_covariances_are_told_by_their_eigenvalues() -> None:
     scale = np.array([1e6, 1e-6])
     good, bad = np.array([[1.0, 0.999], [0.999, 1.0]]), np.array([[1.0, 1.001], [1.001, 1.0]])
     negative, broken = np.diag([1.0, -1.0]), np.diag([1.0, np.nan])
-    covariance = np.stack([scale[:, None] * each * scale for each in (good, bad, negative, broken)], axis=-1)
+    covariance = np.stack([np.outer(scale, scale) * each for each in (good, bad, negative, broken)], axis=-1)
     assert indefinite(covariance).tolist() == [False, True, True, True]
+
+
+@pytest.mark.parametrize("place", [(0, 2), (2, 0)])
+def test_covariances_that_are_not_symmetric_to_the_last_bit_are_told(place: tuple[int, int]) -> None:
+    covariance = np.repeat(np.full((3, 3), 0.5) + np.eye(3), 2).reshape(3, 3, 2)
+    covariance[(*place, 1)] = np.nextafter(0.5, 1.0)
+    assert indefinite(covariance).tolist() == [False, True]
 
 
 def test_lost_tracks_are_those_of_the_metrics() -> None:

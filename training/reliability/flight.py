@@ -12,7 +12,7 @@ import numpy as np
 from passloc_env import LocalisationVectorEnv
 from passloc_env.arrays import Array, BoolArray
 from passloc_env.errors import one_line
-from passloc_env.linalg import diagonal
+from passloc_env.linalg import diagonal, transpose
 from training.reliability.leg import Leg
 
 _LONGEST = 100
@@ -28,7 +28,7 @@ class Tally:
         steps: sensor steps of all environments.
         exceptions: legs that raised anything; a warning counts.
         nonfinite: whose observation, reward, info or belief held a number that is not finite.
-        indefinite: whose covariance was not positive definite.
+        indefinite: whose covariance was not positive definite, or not symmetric to the last bit.
         repairs: covariances repaired and tracks begun anew.
         gated: measurements that gates kept out.
     """
@@ -79,15 +79,14 @@ def _fly(leg: Leg, steps: int, tally: Tally) -> None:
     env = LocalisationVectorEnv(leg.environments, leg.scenario, autoreset_mode=leg.mode, diagnostics=True)
     observation, info = env.reset(seed=int(leg.rng.integers(2**31)))
     ended, before = np.zeros(leg.environments, bool), _Counts(info)
+    _judge(env, (observation, info), tally)
     for _ in range(_LONGEST):
         resetting = ended if leg.mode == "NextStep" else np.zeros_like(ended)
         observation, reward, terminated, truncated, info = env.step(leg.actions())
         ended, now = terminated | truncated, _Counts(info)
         tally.steps += int(np.sum(~resetting)) * leg.scenario.episode.decision_every
-        belief = env.belief
-        tally.nonfinite += int(np.sum(~_finite(observation, reward, info, belief.mean, belief.covariance)))
-        tally.indefinite += int(np.sum(indefinite(belief.covariance)))
-        last = _Counts(info["final_info"]) if ended.any() and leg.mode == "SameStep" else None
+        _judge(env, (observation, reward, info), tally)
+        last = _Counts(info["final_info"]) if "final_info" in info else None
         tally.repairs += now.since(before, last, ended, "repairs")
         tally.gated += now.since(before, last, ended, "gated")
         before = now
@@ -116,25 +115,36 @@ class _Counts:
         return int(np.where(grown < 0, held, grown).sum())
 
 
-def _finite(observation: np.ndarray, reward: np.ndarray, info: Mapping[str, Any], *beliefs: Array) -> BoolArray:
-    """Whose numbers are all finite ``(N,)``."""
-    told = [
-        *info["reward_terms"].values(),
-        *(info[name] for name in info if name not in ("reward_terms", "final_info")),
-    ]
-    first = [
-        array for array in (observation, reward, *told) if isinstance(array, np.ndarray) and array.dtype.kind == "f"
-    ]
-    finite = np.ones(len(reward), bool)
-    for array in (*first, *(np.moveaxis(belief, -1, 0) for belief in beliefs)):
-        finite &= np.isfinite(array.reshape(len(reward), -1)).all(axis=1)
+def _judge(env: LocalisationVectorEnv, told: tuple[Any, ...], tally: Tally) -> None:
+    """Count what must not be in what was told, the info behind, and in beliefs; in those of ended episodes as well."""
+    belief, info = env.belief, told[-1]
+    finite = _finite((*told, np.moveaxis(belief.mean, -1, 0), np.moveaxis(belief.covariance, -1, 0)))
+    spoilt = indefinite(belief.covariance)
+    if "final_info" in info:
+        spoilt |= info["_final_info"] & indefinite(np.moveaxis(info["final_info"]["covariance"], 0, -1))
+    tally.nonfinite += int(np.sum(~finite))
+    tally.indefinite += int(np.sum(spoilt))
+
+
+def _finite(told: Any) -> BoolArray:
+    """Whose numbers are all finite ``(N,)``, in arrays ``(N, …)`` however deep; None where there are none."""
+    if not isinstance(told, np.ndarray):
+        parts = told.values() if isinstance(told, Mapping) else told
+        return np.logical_and.reduce([_finite(part) for part in parts])
+    if told.dtype == object:
+        return np.array([each is None or bool(np.isfinite(each).all()) for each in told])
+    finite: BoolArray = np.logical_and.reduce(np.isfinite(told.reshape(len(told), -1)), axis=1)
     return finite
 
 
 def indefinite(covariance: Array) -> BoolArray:
-    """Which covariances ``(n, n, N)`` have an eigenvalue that is not positive, once scaled to correlations ``(N,)``."""
+    """Which covariances ``(n, n, N)`` are not symmetric to the last bit or not positive definite ``(N,)``.
+
+    Scaled to correlations, one that is has positive eigenvalues alone.
+    """
     variance = diagonal(covariance)
-    positive = np.isfinite(covariance).all(axis=(0, 1)) & (variance > 0.0).all(axis=0)
+    symmetric = (covariance == transpose(covariance)).all(axis=(0, 1))
+    positive = symmetric & np.isfinite(covariance).all(axis=(0, 1)) & (variance > 0.0).all(axis=0)
     sigma = np.sqrt(np.where(positive, variance, 1.0))
     correlation = np.where(positive, covariance, np.eye(len(covariance))[..., None]) / sigma[:, None] / sigma[None]
     smallest = np.linalg.eigvalsh(np.moveaxis(correlation, -1, 0))[:, 0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 from passloc_env.metrics import LOST_ERROR, LOST_NEES
@@ -21,11 +22,14 @@ def page(record: Record, episodes: int) -> str:
 
 def summary(record: Record) -> str:
     """The soak in one line."""
-    total = record.total
+    total, growth = record.total, record.growth
+    memory = (
+        "is not looked at in so short a soak" if math.isnan(growth) else f"grows by {growth:.2f} MiB per million steps"
+    )
     return (
         f"{total.steps:,} sensor steps in {total.legs} legs: {total.exceptions} exceptions, {total.nonfinite} numbers "
         f"that are not finite, {total.indefinite} indefinite covariances, {record.repair_rate:.1g} repairs per step, "
-        f"memory grows by {record.growth:.2f} MiB per million steps"
+        f"memory {memory}"
     )
 
 

@@ -25,6 +25,9 @@ MOST_REPAIRS = 1e-4
 MOST_GROWTH = 4.0
 """MiB per million sensor steps at most."""
 
+LONG = 5_000_000
+"""Sensor steps of a soak that growth is looked for in: in shorter ones what is kept for good counts as growth."""
+
 
 @dataclass
 class Record:
@@ -63,10 +66,10 @@ class Record:
 
     @property
     def growth(self) -> float:
-        """MiB per million sensor steps over the second half of the soak, by least squares; NaN where it is short."""
+        """MiB per million sensor steps over the second half of a soak, by least squares; NaN in one not ``LONG``."""
         steps, memory = np.array(self.memory, float).reshape(-1, 2).T
         late = steps >= 0.5 * steps[-1] if len(steps) else np.zeros(0, bool)
-        if np.count_nonzero(late) < 3:
+        if np.count_nonzero(late) < 3 or steps[-1] < LONG:
             return float("nan")
         return float(np.polyfit(1e-6 * steps[late], memory[late], 1)[0])
 
