@@ -23,9 +23,7 @@ def page(record: Record, episodes: int) -> str:
 def summary(record: Record) -> str:
     """The soak in one line."""
     total, growth = record.total, record.growth
-    memory = (
-        "is not looked at in so short a soak" if math.isnan(growth) else f"grows by {growth:.2f} MiB per million steps"
-    )
+    memory = "is not measured" if math.isnan(growth) else f"grows by {growth:.2f} MiB per million steps"
     return (
         f"{total.steps:,} sensor steps in {total.legs} legs: {total.exceptions} exceptions, {total.nonfinite} numbers "
         f"that are not finite, {total.indefinite} indefinite covariances, {record.repair_rate:.1g} repairs per step, "
